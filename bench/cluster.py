@@ -122,7 +122,7 @@ def overhead(folder: Path, runs: int, jobs: int, ray: str = "ray") -> int:
 
 
 def command(campaign: Path, out: Path, jobs: int, *options: str) -> list[str]:
-    program = [sys.executable, "-m", "orchestrator.cli", "run", str(campaign)]
+    program = [sys.executable, "-m", "wil_campaign", "run", str(campaign)]
     return [*program, "--out", str(out), "--jobs", str(jobs), *options]
 
 

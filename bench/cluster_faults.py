@@ -31,8 +31,8 @@ oracles: {landed: {}}
 """
 STILL = """\
 import os, platform, time
-from vehicles.autonomy import Command
-from vehicles.setpoints import VelocitySetpoint
+from wil_campaign.vehicles.autonomy import Command
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 
 class Still:
@@ -77,9 +77,9 @@ class Victim:
 
 
 VICTIMS = {
-    "program": Victim("orchestrator.cli run", 0),
+    "program": Victim("wil_campaign run", 0),
     "worker": Victim("ray::NodeAgent", 1),
-    "node process": Victim("orchestrator.engines.node_process", 1),
+    "node process": Victim("wil_campaign.plugins.cluster.node_process", 1),
     "raylet": Victim("raylet/raylet", 1, "local"),
     "raylet here": Victim("raylet/raylet", 0, "local"),
     "head": Victim("gcs_server", 0, "local"),

@@ -17,8 +17,8 @@ oracles: {landed: {}}
 STILL = """\
 import time
 
-from vehicles.autonomy import Command
-from vehicles.setpoints import VelocitySetpoint
+from wil_campaign.vehicles.autonomy import Command
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 
 class Still:

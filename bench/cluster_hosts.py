@@ -71,7 +71,7 @@ class Host:
 
     def program(self, *words: str) -> list[str]:
         """Return the command line of our own program."""
-        return [sys.executable, "-m", "orchestrator.cli", *words]
+        return [sys.executable, "-m", "wil_campaign", *words]
 
     def processes(self) -> list[psutil.Process]:
         """Return what runs on this host, without what keeps it."""
@@ -84,7 +84,7 @@ class Host:
 
     def flying(self) -> list[psutil.Process]:
         """Return what flies on this host or would: none of Ray, of a store, of a bench's server."""
-        ours = ("orchestrator.", "safety.", "vehicles.", "multiprocessing.forkserver")
+        ours = ("wil_campaign", "multiprocessing.forkserver")
         others = ("ray::", "bench serve", "bench_node", "ray start")
         return [
             one

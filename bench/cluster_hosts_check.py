@@ -30,7 +30,8 @@ _TWICE = '--resources={"bench:hall-b": 1}'
 FLEE = "import sys; raise ImportError('no such module here')\n"
 LATE = """\
 import os, sys
-if "orchestrator.engines.node_process" in sys.orig_argv and "LD_PRELOAD" not in os.environ:
+node = "wil_campaign.plugins.cluster.node_process"
+if node in sys.orig_argv and "LD_PRELOAD" not in os.environ:
     preload = "/usr/lib/x86_64-linux-gnu/faketime/libfaketime.so.1"
     late = {"LD_PRELOAD": preload, "FAKETIME": "+3600s", "FAKETIME_DONT_FAKE_MONOTONIC": "1"}
     os.execve(sys.executable, sys.orig_argv, {**os.environ, **late})
@@ -279,8 +280,8 @@ def _status(host: Host) -> dict[str, dict[str, dict[str, str]]]:
     """Return the status of the campaign that flies from a host."""
     script = (
         "import json\n"
-        "from orchestrator.operator.campaign_records import places\n"
-        "from orchestrator.operator.socket_client import ask\n"
+        "from wil_campaign.orchestrator.operator.campaign_records import places\n"
+        "from wil_campaign.orchestrator.operator.socket_client import ask\n"
         "found = places().campaigns\n"
         "print(json.dumps(ask(found[0].socket, 'status', who='bench') if found else {}))\n"
     )

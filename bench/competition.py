@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.model.results import RunResult
-from orchestrator.model.results_reader import read_result
-from orchestrator.search.ledger import FILE_NAME as LEDGER
-from orchestrator.search.search_document import FILE_NAME
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.model.results_reader import read_result
+from wil_campaign.plugins.search.ledger import FILE_NAME as LEDGER
+from wil_campaign.plugins.search.search_document import FILE_NAME
 
 _POINTS = ((0.25, 5), (1.0, 2), (1.5, 1))
 _GRID_M = 0.1

@@ -34,21 +34,21 @@ import numpy as np
 import psutil
 
 from bench.guard import guarded, p99_ms, tell
-from orchestrator.live_feed.feed_images import image_view
-from orchestrator.live_feed.feed_messages import (
+from tests.orchestrator.report.browser import Page, browser
+from tests.orchestrator.report.recorded_campaign import CAMPAIGN, WORLD
+from tests.orchestrator.wall_runs import ROOT
+from wil_campaign.orchestrator.live_feed.feed_images import image_view
+from wil_campaign.orchestrator.live_feed.feed_messages import (
     EventView,
     RunView,
     VehicleView,
     feed_codec,
 )
-from orchestrator.live_feed.feed_publisher import FeedPublisher
-from orchestrator.live_feed.feed_sockets import FeedSender, find_console_sockets
-from orchestrator.state.mixtures import PreviewImages
-from tests.orchestrator.report.browser import Page, browser
-from tests.orchestrator.report.recorded_campaign import CAMPAIGN, WORLD
-from tests.orchestrator.wall_runs import ROOT
-from vehicles.readings import CameraReading, Source
-from worlds.camera import Intrinsics
+from wil_campaign.orchestrator.live_feed.feed_publisher import FeedPublisher
+from wil_campaign.orchestrator.live_feed.feed_sockets import FeedSender, find_console_sockets
+from wil_campaign.orchestrator.state.mixtures import PreviewImages
+from wil_campaign.vehicles.readings import CameraReading, Source
+from wil_campaign.worlds.camera import Intrinsics
 
 NAMES: tuple[Source, ...] = ("real", "twin", "mixed")
 WIDTH, HEIGHT, SQUARE = 640, 480, 16
@@ -158,7 +158,7 @@ class Console:
     """A console's process. links: for the operator, for viewers."""
 
     def __init__(self) -> None:
-        words = (sys.executable, "-m", "orchestrator.cli", "console")
+        words = (sys.executable, "-m", "wil_campaign", "console")
         self._process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own program
         lines = [self._process.stdout.readline() for _ in range(2)]  # type: ignore[union-attr]
         self.operator, self.viewer = (one.partition(": ")[2].strip() for one in lines)
@@ -243,7 +243,7 @@ def show_images(page: Page, console: Console, seconds: float, more: str) -> None
             readings = {name: scenery.reading(name, seq, now_s) for name in NAMES}
             view = scenery.view(seq, now_s)
             before_s = time.perf_counter()
-            feed.images(PreviewImages(readings["mixed"], readings["real"], readings["twin"]))
+            feed.images(PreviewImages(readings["mixed"], "", readings["real"], readings["twin"]))
             feed.tick(lambda view=view: view)
             handed_s.append(time.perf_counter() - before_s)
         time.sleep(0.5)

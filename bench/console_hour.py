@@ -27,10 +27,10 @@ from bench.console import (
     join,
 )
 from bench.guard import tell
-from orchestrator.live_feed.feed_publisher import FeedPublisher
-from orchestrator.state.mixtures import PreviewImages
 from tests.orchestrator.report.browser import Page, browser
 from tests.orchestrator.wall_runs import ROOT
+from wil_campaign.orchestrator.live_feed.feed_publisher import FeedPublisher
+from wil_campaign.orchestrator.state.mixtures import PreviewImages
 
 LARGEST_GROWTH_PERCENT = 5.0
 MINUTE_S = 60.0
@@ -84,7 +84,7 @@ def fly(number: int, run_s: float, end_s: float, states: int, minutes: Minutes) 
         while (now_s := time.monotonic()) < min(begun_s + run_s, end_s):
             readings = {name: scenery.reading(name, seq, now_s) for name in NAMES}
             view = scenery.view(seq, now_s, run)
-            feed.images(PreviewImages(readings["mixed"], readings["real"], readings["twin"]))
+            feed.images(PreviewImages(readings["mixed"], "", readings["real"], readings["twin"]))
             feed.tick(lambda view=view: view)
             if seq % int(HZ) == 0:
                 feed.event(now_s, "vehicle", "text", f"text {seq}", vehicle="real")

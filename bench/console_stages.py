@@ -34,11 +34,11 @@ from bench.console import (
     Scenery,
     wait_for,
 )
-from orchestrator.live_feed.feed_messages import FeedMessage, ImageView
-from orchestrator.live_feed.feed_publisher import FeedPublisher
-from orchestrator.state.mixtures import PreviewImages
 from tests.orchestrator.report.browser import Page, browser
 from tests.orchestrator.wall_runs import ROOT
+from wil_campaign.orchestrator.live_feed.feed_messages import FeedMessage, ImageView
+from wil_campaign.orchestrator.live_feed.feed_publisher import FeedPublisher
+from wil_campaign.orchestrator.state.mixtures import PreviewImages
 
 WARM_UP_S = 3.0
 STAGES = ("exposure to sent", "sent to arrived", "arrived to drawn")
@@ -153,7 +153,7 @@ def publish(feed: FeedPublisher, sent: Sent, scenery: Scenery, first: int, secon
             readings[name] = scenery.reading(name, seq, now_s)
             sent.exposed[name, seq] = 1e3 * time.time()
         view = scenery.view(seq, now_s)
-        feed.images(PreviewImages(readings["mixed"], readings["real"], readings["twin"]))
+        feed.images(PreviewImages(readings["mixed"], "", readings["real"], readings["twin"]))
         feed.tick(lambda view=view: view)  # type: ignore[misc] # it is called at once
     return first + int(seconds * HZ)
 

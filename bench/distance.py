@@ -16,9 +16,9 @@ import fcl
 import numpy as np
 from numpy.typing import NDArray
 
-from worlds.clearance.gjk import posed_distance
-from worlds.clearance.surfaces import surface_distance, triangle_tree
-from worlds.frames import Quat, Vec3, matrix_from_quat
+from wil_campaign.worlds.clearance.gjk import posed_distance
+from wil_campaign.worlds.clearance.surfaces import surface_distance, triangle_tree
+from wil_campaign.worlds.frames import Quat, Vec3, matrix_from_quat
 
 F64 = NDArray[np.float64]
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)

@@ -2,7 +2,7 @@
 
 `python bench/fidelity.py [px4|ardupilot] [--profile NAME]`; virtual time. Flight and figures are
 those with which the firmwares were measured: the least and the most of each figure over four
-flights lie in vehicles/step_response, a 50 Hz series of one in tests/vehicles/embedded/fidelity. A
+flights lie in plugins/step_response, a 50 Hz series of one in tests/vehicles/embedded/fidelity. A
 figure is off by its distance from the firmware's range relative to the nearer end; an overshoot by
 its distance over 0.15 m or 5 degrees. Beside it, the RMS distance between the series of each
 segment, counted from the segment's start, and the orders of events; for PX4 the median of the
@@ -25,8 +25,8 @@ from tests.vehicles.embedded.fidelity.comparison import (
     scatter,
 )
 from tests.vehicles.embedded.fidelity.step_flight import fly_steps
-from vehicles.step_response.comparison import compare, load_ranges
-from vehicles.step_response.figures import figures_of
+from wil_campaign.plugins.step_response.comparison import compare, load_ranges
+from wil_campaign.plugins.step_response.figures import figures_of
 
 
 def main() -> None:

@@ -1,38 +1,109 @@
-"""How fast campaigns fly: seconds flown per wall second, peak memory of a run, time of --help.
+"""How fast campaigns fly, and what they cost: a table of figures beside aims and floors.
 
-`python bench/flight.py [--repetitions N]`; prints one line per figure. Quote ratios of one run.
+`python -m bench.flight [--repetitions N]`. Quote ratios of one run on one machine: load changes
+all figures, of a busy machine by half. Flown seconds are of the run clock, from takeoff to
+disarming; CPU seconds those of one process. Beside our figures, in the same run: PyFlyt's QuadX
+with and without its camera, where PyFlyt is installed. It is what a user of Python would take
+instead, and has no autopilot, MAVLink, guard, judge or recording.
 """
 
 import argparse
 import asyncio
+import contextlib
+import importlib
 import json
+import os
 import resource
+import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.model.clock import run_virtual
-from orchestrator.run.flight.run import fly
-from orchestrator.state.run_setup import RunOrder, RunSetup
-from safety.guard.core.operator_command import OperatorCommand
-from vehicles.autopilots.autopilot import AutopilotName, MessageRate, Target, own_heartbeat
-from vehicles.autopilots.registry import autopilot_named
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.profile import load_profile
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.links.memory import memory_pair
-from vehicles.mavlink.codec import Codec
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before NumPy is imported, as in workers
+
+import cv2
+import numpy as np
+
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.orchestrator.run.flight.run import fly
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.vehicles.autopilots.autopilot import (
+    AutopilotName,
+    MessageRate,
+    Target,
+    own_heartbeat,
+)
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.process.embedded_launch import FeedClient
+from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
+from wil_campaign.vehicles.embedded.profile import load_profile
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.processes.child import ChildProcess
+from wil_campaign.vehicles.processes.feed_socket import feed_environment, feed_pair
+from wil_campaign.vehicles.processes.fork_server import ForkServer
+from wil_campaign.vehicles.processes.vehicle_server_process import (
+    VehicleServerProcess,
+    vehicle_program,
+)
 
 ROOT = Path(__file__).parents[1]
 _HOVER_S = 120.0
+_TRIALS = 3
+_STARTS = 8
 _ESTIMATES = (32, 31)
 """LOCAL_POSITION_NED and ATTITUDE_QUATERNION."""
-PROGRAM = [sys.executable, "-m", "orchestrator.cli"]
+_PER_CPU = "flown s / CPU s"
+PROGRAM = [sys.executable, "-m", "wil_campaign"]
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A measured figure: its best of several trials, and their median.
+
+    aim: what it is to be. floor: what is left when all of our own Python is compiled away, an
+    estimate from the cost of JSBSim, images and JPEGs; "" for none.
+    """
+
+    name: str
+    best: float
+    median: float
+    unit: str
+    aim: str = ""
+    floor: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        values: list[float],
+        unit: str,
+        *,
+        aim: str = "",
+        floor: str = "",
+        least: bool = False,
+    ) -> "Figure":
+        """Return the figure of trials. least: whether the least is the best."""
+        best = min(values) if least else max(values)
+        return cls(name, best, statistics.median(values), unit, aim, floor)
+
+    @property
+    def row(self) -> tuple[str, ...]:
+        """Return the figure's cells."""
+        return (self.name, _text(self.best), _text(self.median), self.unit, self.aim, self.floor)
+
+
+def _text(value: float) -> str:
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
 
 
 class Nobody:
@@ -40,19 +111,13 @@ class Nobody:
         return None
 
 
-def campaign_on_all_cores(repetitions: int) -> None:
+def campaign_on_all_cores(repetitions: int) -> list[Figure]:
     with tempfile.TemporaryDirectory() as out:
         began_s = time.perf_counter()
         done = subprocess.run(  # noqa: S603 - our own program
             [
-                *PROGRAM,
-                "run",
-                str(ROOT / "campaigns/gate.yaml"),
-                "--out",
-                out,
-                "--json",
-                "--repetitions",
-                str(repetitions),
+                *(*PROGRAM, "run", str(ROOT / "campaigns/gate.yaml")),
+                *("--out", out, "--json", "--repetitions", str(repetitions)),
             ],
             cwd=ROOT,
             check=False,
@@ -60,33 +125,45 @@ def campaign_on_all_cores(repetitions: int) -> None:
             text=True,
         )
         wall_s = time.perf_counter() - began_s
+        files = [one for one in Path(out).rglob("*") if one.is_file()]
+        size_mb = sum(one.stat().st_size for one in files) / 1e6
+        folders = sum(one.name == "result.json" for one in files)
     if done.returncode not in {0, 1}:
         sys.exit(f"exit {done.returncode}: {done.stderr}")
     runs = json.loads(done.stdout)["runs"]
     flown_s = sum(run["duration_s"] or 0.0 for run in runs)
     peak_mb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
-    print(f"campaign gate, all cores: {len(runs)} runs, {flown_s:.0f} s flown in {wall_s:.1f} s")
-    print(f"  flown per wall second: {flown_s / wall_s:.1f} (mark: at least 10)")
-    print(f"  peak memory of one process: {peak_mb:.0f} MB (mark: below 600)")
+    speed, whose = flown_s / wall_s, f"gate.yaml, {folders} runs with its controls"
+    return [
+        Figure(f"{whose}, all cores", speed, speed, "flown s / wall s", "18", "30"),
+        Figure(f"{whose}: disk", size_mb, size_mb, "MB", "150 of 24 runs"),
+        Figure(f"{whose}: largest process", peak_mb, peak_mb, "MB", "600"),
+    ]
 
 
-def one_run(name: str, sets: tuple[str, ...], mode: str, mark: str) -> None:
-    options = Options(cases=("large",), modes=(mode,), sets=sets)
-    plan = load_campaign(ROOT / "campaigns/gate.yaml", options).runs[0]
-    best = 0.0
-    for _ in range(3):
+def one_run(mode: str, aim: str, floor: str) -> list[Figure]:
+    plan = load_campaign(ROOT / "campaigns/gate.yaml", Options(cases=("large",), modes=(mode,)))
+    rates, sizes = [], []
+    for _ in range(_TRIALS):
         with tempfile.TemporaryDirectory() as folder:
-            setup = RunSetup.of(RunOrder(plan=plan, folder=Path(folder), clock="virtual"))
+            order = RunOrder(plan=plan.runs[0], folder=Path(folder), clock="virtual")
+            setup = RunSetup.of(order)
             began_s = time.process_time()
             result = fly(setup, lambda _: None, Nobody())
-            best = max(best, (result.duration_s or 0.0) / (time.process_time() - began_s))
-    print(f"{name}, one core: {best:.1f} s flown per second{mark} ({result.verdict})")
+            rates.append((result.duration_s or 0.0) / (time.process_time() - began_s))
+            sizes.append((Path(folder) / "run.mcap").stat().st_size / 1e6)
+    name = f"run in mode {mode} ({result.verdict})"
+    return [
+        Figure.of(name, rates, _PER_CPU, aim=aim, floor=floor),
+        Figure.of(f"{name}: run.mcap", sizes, "MB", least=True),
+    ]
 
 
-def lone_vehicle(autopilot: AutopilotName) -> None:
+def lone_vehicle(autopilot: AutopilotName) -> list[Figure]:
     """Have a vehicle hover for two minutes, with estimates at 50 Hz and nobody at its link."""
-    rates = [_HOVER_S / run_virtual(_hover_cpu_s(autopilot)) for _ in range(3)]
-    print(f"{autopilot} alone, one core: {max(rates):.0f} s flown per second (mark: at least 200)")
+    rates = [_HOVER_S / run_virtual(_hover_cpu_s(autopilot)) for _ in range(_TRIALS)]
+    floor = "700 (JSBSim alone)"
+    return [Figure.of(f"{autopilot} alone", rates, _PER_CPU, aim="500", floor=floor)]
 
 
 async def _hover_cpu_s(autopilot: AutopilotName) -> float:
@@ -115,14 +192,14 @@ async def _hover_cpu_s(autopilot: AutopilotName) -> float:
     return spent_s
 
 
-def blind_pair() -> None:
+def blind_pair() -> list[Figure]:
     """Have the pair hover for half a minute, without cameras and mixing."""
     options = Options(
         cases=("large",), modes=("wil",), sets=("oracles.reached.required=false", "controls={}")
     )
     plan = load_campaign(ROOT / "campaigns/gate.yaml", options).runs[0]
     rates = []
-    for _ in range(3):
+    for _ in range(_TRIALS):
         with tempfile.TemporaryDirectory() as folder:
             (Path(folder) / "hover.py").write_text(_HOVER, "utf-8")
             out = Path(folder) / "run"
@@ -131,8 +208,8 @@ def blind_pair() -> None:
             began_s = time.process_time()
             result = fly(setup, lambda _: None, Nobody())
             rates.append((result.duration_s or 0.0) / (time.process_time() - began_s))
-    flown = f"{result.duration_s:.0f} s, {result.verdict} {result.reason}"
-    print(f"pair without cameras, one core: {max(rates):.1f} (mark: at least 40; {flown})")
+    name = f"pair without cameras ({result.verdict})"
+    return [Figure.of(name, rates, _PER_CPU, aim="35, then 60", floor="100")]
 
 
 def _without_cameras(order: RunOrder, folder: str) -> RunSetup:
@@ -149,8 +226,8 @@ def _without_cameras(order: RunOrder, folder: str) -> RunSetup:
 
 
 _HOVER = """
-from vehicles.autonomy import Command
-from vehicles.setpoints import VelocitySetpoint
+from wil_campaign.vehicles.autonomy import Command
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 class Hover:
     def __init__(self, *, goal, parameters, seed):
@@ -164,32 +241,134 @@ class Hover:
 """
 
 
-def help_time() -> None:
-    times = []
-    for _ in range(5):
-        began_s = time.perf_counter()
-        subprocess.run(  # noqa: S603 - our own program
-            [*PROGRAM, "--help"], cwd=ROOT, check=True, capture_output=True
-        )
-        times.append(time.perf_counter() - began_s)
-    print(f"wil-campaign --help: {sorted(times)[2]:.2f} s (mark: below 0.3)")
+def command_starts() -> list[Figure]:
+    """Measure the CPU of commands that every use begins with."""
+    gate = str(ROOT / "campaigns/gate.yaml")
+    words = {"--help": ["--help"], "validate gate.yaml": ["validate", gate]}
+    figures = []
+    for name, arguments in words.items():
+        times = []
+        for _ in range(_STARTS):
+            with _children_cpu_s(times):
+                subprocess.run(  # noqa: S603 - our own program
+                    [*PROGRAM, *arguments], cwd=ROOT, check=True, capture_output=True
+                )
+        aim = "0.3" if name == "--help" else ""
+        figures.append(Figure.of(f"wil-campaign {name}", times, "CPU s", aim=aim, least=True))
+    return figures
+
+
+def vehicle_starts() -> list[Figure]:
+    """Measure the CPU of a vehicle's process to its end at once: started, and forked."""
+    return asyncio.run(_vehicle_starts())
+
+
+async def _vehicle_starts() -> list[Figure]:
+    """Return the figures of vehicles that are started, and of those that are forked."""
+    settings = ProcessSettings(
+        autopilot="px4", link="udpout://127.0.0.1:9", seed=1, end_with_parent=False
+    )
+    argv = (*vehicle_program(), settings.model_dump_json())
+    server = VehicleServerProcess()
+    server.start()
+    client = ForkServer(os.dup(server.descriptor), vehicle_program())
+    figures = []
+    for name, by in (("started", None), ("forked", client)):
+        times = [await _vehicle_cpu_s(argv, by) for _ in range(_STARTS + 1)]
+        # The first fork waits for the imports of the server, and may be a start.
+        figures.append(Figure.of(f"vehicle's process, {name}", times[1:], "CPU s", least=True))
+    client.close()
+    await server.close()
+    return figures
+
+
+async def _vehicle_cpu_s(argv: tuple[str, ...], client: ForkServer | None) -> float:
+    """Return the CPU seconds of a vehicle's process until it has sent its first pose."""
+    ours, theirs = feed_pair()
+    async with FeedClient(source="real", end=ours) as feed:
+        with theirs:
+            child = ChildProcess(
+                argv=argv,
+                environment={**os.environ, **feed_environment(theirs.fileno())},
+                inherited=(theirs.fileno(),),
+            )
+            await child.start_by(client)
+        await feed.connected.wait()
+        spent_s = _cpu_s(Path(f"/proc/{child.pid}"))
+        await child.end()
+    return spent_s
+
+
+def _cpu_s(process: Path) -> float:
+    fields = (process / "stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@contextlib.contextmanager
+def _children_cpu_s(times: list[float]) -> Iterator[None]:
+    """Append the CPU seconds of the child processes that end meanwhile."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    yield
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    times.append(after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)
+
+
+def pyflyt(*, camera: bool, seconds: float) -> list[Figure]:
+    """Have PyFlyt's QuadX hold its position, at 240 Hz of PyBullet; nothing without PyFlyt."""
+    try:
+        core: Any = importlib.import_module("PyFlyt.core")
+    except ImportError:
+        return []
+    options = {"use_camera": True, "camera_resolution": (480, 640), "camera_fps": 15}
+    world = core.Aviary(
+        start_pos=np.array([[0.0, 0.0, 1.0]]),
+        start_orn=np.zeros((1, 3)),
+        drone_type="quadx",
+        render=False,
+        drone_options=options if camera else {},
+    )
+    world.set_mode(7)  # position and heading
+    world.set_setpoint(0, np.array([0.0, 0.0, 0.0, 1.0]))
+    while world.elapsed_time < 1.0:  # its controller is compiled
+        world.step()
+    from_s, began_s = world.elapsed_time, time.process_time()
+    while world.elapsed_time < from_s + seconds:
+        world.step()
+    rate = (world.elapsed_time - from_s) / (time.process_time() - began_s)
+    world.disconnect()
+    name = "instead: PyFlyt QuadX" + (", camera 640x480 at 15 Hz" if camera else "")
+    return [Figure(name, rate, rate, _PER_CPU)]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repetitions", type=int, default=5)
-    repetitions = parser.parse_args().repetitions
-    parts: tuple[Callable[[], None], ...] = (
-        help_time,
-        lambda: lone_vehicle("px4"),
-        lambda: lone_vehicle("ardupilot"),
-        blind_pair,
-        lambda: one_run("run in mode sim", (), "sim", ""),
-        lambda: one_run("run in mode wil", (), "wil", ""),
-        lambda: campaign_on_all_cores(repetitions),
-    )
-    for part in parts:
-        part()
+    parser.add_argument("--only", default="", help="the parts whose names contain this")
+    chosen = parser.parse_args()
+    cv2.setNumThreads(1)  # runs share the cores by processes
+    parts: dict[str, Callable[[], list[Figure]]] = {
+        "commands": command_starts,
+        "vehicles": vehicle_starts,
+        "px4": lambda: lone_vehicle("px4"),
+        "ardupilot": lambda: lone_vehicle("ardupilot"),
+        "pair": blind_pair,
+        "sim": lambda: one_run("sim", "18", "30"),
+        "wil": lambda: one_run("wil", "9", "13"),
+        "pyflyt": lambda: pyflyt(camera=False, seconds=20.0),
+        "pyflyt camera": lambda: pyflyt(camera=True, seconds=1.0),
+        "campaign": lambda: campaign_on_all_cores(chosen.repetitions),
+    }
+    print_row(("figure", "best", "median", "unit", "aim", "floor"))
+    print_row(("---",) * 6)
+    for name, part in parts.items():
+        if chosen.only in name:
+            for figure in part():
+                print_row(figure.row)
+
+
+def print_row(cells: tuple[str, ...]) -> None:
+    """Print a row of the table, in Markdown."""
+    print(f"| {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -24,14 +24,6 @@ from pathlib import Path
 import aiomqtt
 
 from bench.connection_storm import storm
-from campaigns.setup.operator_setup import MqttSetup
-from campaigns.values.broker_address import BrokerAddress
-from orchestrator.operator.campaign_records import Place, places
-from orchestrator.operator.message_signing import signed_command
-from orchestrator.operator.mqtt import MqttSecrets, mqtt_operating
-from safety.guard.core.events import GuardSettings
-from safety.guard.process.remote_guard import RemoteGuard
-from safety.model.samples import PoseSample
 from tests.faults.environment import broker_process
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 from tests.orchestrator.wall_runs import ROOT, Program, lines
@@ -45,11 +37,19 @@ from tests.safety.guard.remote_rigs import (
     until,
     words,
 )
-from vehicles.links.link_strings import LinkAddress
-from vehicles.links.udp import UdpLink
-from vehicles.mavlink.framing import FrameSplitter
-from vehicles.tasks import start, stop
-from worlds.frames import Pose
+from wil_campaign.orchestrator.operator.campaign_records import Place, places
+from wil_campaign.plugins.mqtt.broker_address import BrokerAddress
+from wil_campaign.plugins.mqtt.message_signing import signed_command
+from wil_campaign.plugins.mqtt.mqtt_operator import MqttSecrets, mqtt_operating
+from wil_campaign.plugins.mqtt.mqtt_setup import MqttSetup
+from wil_campaign.safety.guard.core.events import GuardSettings
+from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.links.link_strings import LinkAddress
+from wil_campaign.vehicles.links.udp import UdpLink
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter
+from wil_campaign.vehicles.tasks import start, stop
+from wil_campaign.worlds.frames import Pose
 
 _STEP_S = 0.02
 _GUARD_COMPONENT = GuardSettings().component_id
@@ -288,7 +288,7 @@ def load(*, idle: bool) -> Iterator[None]:
         return
     with tempfile.TemporaryDirectory() as out:
         words_ = (
-            *(sys.executable, "-m", "orchestrator.cli", "run", "campaigns/gate.yaml"),
+            *(sys.executable, "-m", "wil_campaign", "run", "campaigns/gate.yaml"),
             *("--out", out, "--repetitions", "1000", "--jobs", "2", "--mode", "wil", "--json"),
             *("--set", "accept=null"),
         )

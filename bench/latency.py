@@ -26,25 +26,25 @@ import numpy as np
 from mixing import POOL, RECIPE, wall
 from render import cage
 
-from orchestrator.delivery.image_delivery import Delivery
-from orchestrator.delivery.rtp import rtp_delivery
-from orchestrator.delivery.sdp import RtpAddress
-from orchestrator.run.perception.mixing_loop import MixingLoop
-from orchestrator.run.perception.sensor_factory import in_thread
-from orchestrator.state.mixtures import MixedFrame
-from recipes.language.recipe_document import load_recipe
-from recipes.pipeline.pipeline import compile_recipe
-from vehicles.cameras.rendered_cameras import OnDemandCamera
-from vehicles.poses.pose_history import PoseHistory
-from vehicles.readings import CameraReading
-from vehicles.sensors.lens import ThroughLens
-from vehicles.sensors.world_views import WorldImages
-from vehicles.tasks import start, stop
-from worlds.camera import CameraMount, Intrinsics
-from worlds.files.documents import load
-from worlds.frames import Pose
-from worlds.scene.scene import Scene
-from worlds.world_file.world import World
+from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop
+from wil_campaign.orchestrator.run.perception.sensor_factory import in_thread
+from wil_campaign.orchestrator.state.mixtures import MixedFrame
+from wil_campaign.plugins.outlets.image_delivery import Delivery
+from wil_campaign.plugins.outlets.rtp import rtp_delivery
+from wil_campaign.plugins.outlets.sdp import RtpAddress
+from wil_campaign.recipes.language.recipe_document import load_recipe
+from wil_campaign.recipes.pipeline.pipeline import compile_recipe
+from wil_campaign.vehicles.cameras.rendered_cameras import OnDemandCamera
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.vehicles.sensors.lens import ThroughLens
+from wil_campaign.vehicles.sensors.world_views import WorldImages
+from wil_campaign.vehicles.tasks import start, stop
+from wil_campaign.worlds.camera import CameraMount, Intrinsics
+from wil_campaign.worlds.files.documents import load
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.scene import Scene
+from wil_campaign.worlds.world_file.world import World
 
 WORLD = Path(__file__).parents[1] / "worlds" / "gate.yaml"
 POSE_HZ = 200.0

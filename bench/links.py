@@ -16,19 +16,19 @@ from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from safety.guard.core.events import GuardedVehicle
-from safety.guard.process.guard_config import GuardConfig, Guarded
-from safety.guard.process.remote_guard import RemoteGuard
 from tests.ports import free_port
-from vehicles.autopilots.autopilot import Target
-from vehicles.autopilots.registry import autopilot_named
-from vehicles.driver import Driver
-from vehicles.embedded.process.process_settings import ProcessSettings
-from vehicles.errors import VehicleError
-from vehicles.links.link_factory import open_link
-from vehicles.links.link_strings import parse_link
-from vehicles.mavlink.codec import Codec
-from vehicles.setpoints import VelocitySetpoint
+from wil_campaign.safety.guard.core.events import GuardedVehicle
+from wil_campaign.safety.guard.process.guard_config import GuardConfig, Guarded
+from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
+from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.links.link_factory import open_link
+from wil_campaign.vehicles.links.link_strings import parse_link
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 NAMES = ("real", "twin")
 HZ = 50.0
@@ -67,7 +67,12 @@ def settings(name: str, port: int) -> ProcessSettings:
 
 
 def program(name: str, port: int) -> list[str]:
-    return [sys.executable, "-m", "vehicles.embedded", settings(name, port).model_dump_json()]
+    return [
+        sys.executable,
+        "-m",
+        "wil_campaign.vehicles.embedded",
+        settings(name, port).model_dump_json(),
+    ]
 
 
 def decode_rate() -> None:

@@ -18,9 +18,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from recipes.language.recipe_document import load_recipe
-from recipes.pipeline.pipeline import Mixer, compile_recipe
-from vehicles.readings import (
+from wil_campaign.recipes.language.recipe_document import load_recipe
+from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
+from wil_campaign.vehicles.readings import (
     CameraReading,
     ImuReading,
     LidarPointsReading,
@@ -30,9 +30,9 @@ from vehicles.readings import (
     Reading,
     Source,
 )
-from worlds.camera import Intrinsics
-from worlds.files.documents import parse
-from worlds.frames import Pose
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.files.documents import parse
+from wil_campaign.worlds.frames import Pose
 
 WANTED_PERCENT = 2.0
 CAMERA = Intrinsics.from_fov(320, 240, np.radians(69.0))

@@ -1,11 +1,12 @@
 """Flights that must fail, each with a seeded fault: in virtual time, and on sockets.
 
-`python bench/must_fail.py RESULTS [--virtual 1000] [--truth 200] [--sockets 60] [--first 0]
-[--jobs 1]` appends one JSON line for each flight to the file RESULTS, leaves out what stands there
-already, and prints the tables of docs/verdicts.md. `--undisturbed` flies each mission without a
-fault instead, and `--mutants` each mutant of the product. Ends with 1 when a flight passed that
-must not, or a mutant was not found. One flight again: `python -m tests.faults.signals SEED 1
-FOLDER`, with `ground_truth` or `socket_flights` in its place.
+`python bench/must_fail.py RESULTS [--virtual 500] [--field 500] [--truth 200] [--sockets 60]
+[--first 0] [--jobs 1]` appends one JSON line for each flight to the file RESULTS, leaves out what
+stands there already, and prints the tables of docs/decisions/0049. `--undisturbed` flies each
+mission without a fault instead, and `--mutants` each mutant of the product. Ends with 1 when a
+flight passed that must not, or a mutant was not found. One flight again: `python -m
+tests.faults.signals SEED 1 FOLDER`, with `field_faults`, `ground_truth` or `socket_flights` in its
+place.
 """
 
 import argparse
@@ -22,9 +23,13 @@ from typing import Any
 ROOT = Path(__file__).parents[1]
 SHARE = 100
 """Flights of one process: what it leaves behind in memory goes with it."""
-VERDICTS = ("FAIL", "INVALID", "ERROR", "ABORTED", "PASS")
+VERDICTS = ("FAIL", "INVALID", "ERROR", "ABORTED", "refused", "PASS")
+UNDISTURBED = 144
+"""Missions without a fault: 16 of 9 combinations each."""
+FIELD = ("heading", "estimator's hold", "second sender", "ground station", "mesh", "retry")
 MODULES = {
     "virtual": "signals",
+    "field": "field_faults",
     "truth": "ground_truth",
     "sockets": "socket_flights",
     "undisturbed": "undisturbed",
@@ -77,6 +82,7 @@ def tables(flights: list[dict[str, Any]]) -> Iterator[str]:
     """Yield the lines of the tables."""
     titles = {
         "virtual": "in virtual time",
+        "field": "with faults of the field in virtual time",
         "truth": "judged by a simulator's ground truth",
         "sockets": "on sockets",
     }
@@ -89,15 +95,38 @@ def tables(flights: list[dict[str, Any]]) -> Iterator[str]:
         exempt = [one for one in own if one["exempt"] and one["verdict"] == "PASS"]
         yield f"{len(own)} flights {title}: {counts}; {len(exempt)} of the PASS exempt"
         yield ""
+        field = [one for one in own if one["fault"]["signal"] in FIELD]
+        if field:
+            yield from _field_table(field)
+            yield ""
+        own = [one for one in own if one not in field]
+        if not own:
+            continue
         yield from _table(own, "cause", lambda one: one["fault"]["cause"])
         yield ""
         yield from _table(own, "what is faulty", lambda one: one["fault"]["signal"])
         yield ""
         for one in exempt:
+            if one not in own:
+                continue
             fault = one["fault"]
             offset = ", ".join(f"{by:.2f}" for by in fault["alteration"]["offset_m"])
             what = f"{fault['signal']} {fault['alteration']['kind']} by ({offset}) m"
             yield f"- exempt: seed {fault['seed']}, {fault['cause']}: {what} in {fault['stage']}"
+
+
+def _field_table(flights: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield a line for each fault, with the seeds that are exempt and passed."""
+    yield f"| what is faulty | how | flights | {' | '.join(VERDICTS)} | exempt |"
+    yield "|---" * (len(VERDICTS) + 4) + "|"
+    names = [(one["fault"]["signal"], one["fault"]["alteration"]["kind"]) for one in flights]
+    for signal, how in sorted(set(names)):
+        own = [one for one, name in zip(flights, names, strict=True) if name == (signal, how)]
+        verdicts = Counter(one["verdict"] for one in own)
+        passed = [one for one in own if one["exempt"] and one["verdict"] == "PASS"]
+        seeds = ", ".join(str(one["fault"]["seed"]) for one in passed)
+        counts = " | ".join(str(verdicts[one]) for one in VERDICTS)
+        yield f"| {signal} | {how} | {len(own)} | {counts} | {seeds} |"
 
 
 def _table(flights: list[dict[str, Any]], head: str, row_of: Any) -> Iterator[str]:
@@ -123,7 +152,8 @@ def _cell(flights: list[dict[str, Any]]) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("results", type=Path)
-    parser.add_argument("--virtual", type=int, default=1000)
+    parser.add_argument("--virtual", type=int, default=500)
+    parser.add_argument("--field", type=int, default=500)
     parser.add_argument("--truth", type=int, default=200)
     parser.add_argument("--sockets", type=int, default=60)
     parser.add_argument("--first", type=int, default=0)
@@ -135,9 +165,10 @@ def main() -> int:
         words = [sys.executable, "-m", "tests.faults.mutants"]
         return subprocess.run(words, cwd=ROOT, check=False).returncode  # noqa: S603 - our own
     if asked.undisturbed:
-        fly_due("undisturbed", asked.first, 135, asked.results, asked.jobs)
+        fly_due("undisturbed", asked.first, UNDISTURBED, asked.results, asked.jobs)
     else:
         fly_due("virtual", asked.first, asked.virtual, asked.results, asked.jobs)
+        fly_due("field", asked.first, asked.field, asked.results, asked.jobs)
         fly_due("truth", asked.first, asked.truth, asked.results, asked.jobs)
         fly_due("sockets", asked.first, asked.sockets, asked.results, 1)
     flights = read(asked.results)

@@ -30,7 +30,17 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-COPIED = ("campaigns", "orchestrator", "recipes", "safety", "tests", "vehicles", "worlds", "docs")
+COPIED = (
+    "campaigns",
+    "orchestrator",
+    "plugins",
+    "recipes",
+    "safety",
+    "tests",
+    "vehicles",
+    "worlds",
+    "docs",
+)
 SINGLE = ("pyproject.toml", "README.md", "constraints.txt", "CHANGELOG.md")
 COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
     ast.Lt: ast.LtE,

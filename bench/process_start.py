@@ -11,14 +11,14 @@ import sys
 import time
 from multiprocessing.connection import Connection
 
-from orchestrator.campaign.workers.run_server import run_context, start_run_server
+from wil_campaign.orchestrator.campaign.workers.run_server import run_context, start_run_server
 
 MARK_S = 0.15
 
 
 def begun(connection: Connection) -> None:
     """Say that the process is there, and whether all is imported (in the process)."""
-    connection.send("orchestrator.run.flight.run" in sys.modules)
+    connection.send("wil_campaign.orchestrator.run.flight.run" in sys.modules)
 
 
 def start_s() -> float:

@@ -17,21 +17,24 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from orchestrator.model.clock import run_virtual
-from orchestrator.run.perception.mixing_loop import MixingLoop, RegistrationError
-from orchestrator.run.perception.registration_error import box_corners, registration_error_px
-from orchestrator.state.mixtures import MixedFrame
-from recipes.language.recipe_document import load_recipe
-from recipes.pipeline.pipeline import compile_recipe
-from vehicles.cameras.rendered_cameras import sleep_until
-from vehicles.poses.pose_history import PoseHistory
-from vehicles.readings import CameraReading, Reading
-from vehicles.sensors.world_views import WorldImages
-from worlds.camera import Intrinsics
-from worlds.files.documents import parse
-from worlds.frames import Pose, Vec3
-from worlds.scene import shapes
-from worlds.scene.scene import Scene, SceneObject
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop, RegistrationError
+from wil_campaign.orchestrator.run.perception.registration_error import (
+    box_corners,
+    registration_error_px,
+)
+from wil_campaign.orchestrator.state.mixtures import MixedFrame
+from wil_campaign.recipes.language.recipe_document import load_recipe
+from wil_campaign.recipes.pipeline.pipeline import compile_recipe
+from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.vehicles.readings import CameraReading, Reading
+from wil_campaign.vehicles.sensors.world_views import WorldImages
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.files.documents import parse
+from wil_campaign.worlds.frames import Pose, Vec3
+from wil_campaign.worlds.scene import shapes
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
 
 CAMERA = Intrinsics.from_fov(640, 480, math.radians(69.0))
 SPEED_M_S = 1.0

@@ -19,16 +19,16 @@ from typing import Any
 import cv2
 import numpy as np
 
-from worlds.camera import Intrinsics
-from worlds.clearance.clearance import BoxShape, ClearanceProbe
-from worlds.frames import Pose, matrix_from_quat
-from worlds.rays.raycast import RayCaster
-from worlds.render.renderer import Renderer, RenderOutput
-from worlds.scene import meshes, shapes
-from worlds.scene.meshes import FloatArray, Material, Mesh
-from worlds.scene.parts import Part, SurfaceShape
-from worlds.scene.scene import Scene, SceneObject
-from worlds.scene.shapes import Shape
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.clearance.clearance import BoxShape, ClearanceProbe
+from wil_campaign.worlds.frames import Pose, matrix_from_quat
+from wil_campaign.worlds.rays.raycast import RayCaster
+from wil_campaign.worlds.render.renderer import Renderer, RenderOutput
+from wil_campaign.worlds.scene import meshes, shapes
+from wil_campaign.worlds.scene.meshes import FloatArray, Material, Mesh
+from wil_campaign.worlds.scene.parts import Part, SurfaceShape
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.shapes import Shape
 
 CAMERA = Intrinsics.from_fov(1280, 720, math.radians(69.0))
 WANTED_MS = 12.0

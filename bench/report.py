@@ -12,8 +12,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from orchestrator.analysis.reading.results_folder import read_campaign
-from orchestrator.report.campaign_report import write_report
+from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.report.campaign_report import write_report
 
 TARGET_S, TARGET_BYTES = 20.0, 25_000_000
 

@@ -22,16 +22,22 @@ from pathlib import Path
 import numpy as np
 
 from bench.search_table import flight_seed, load_table, shipped_search, summary
-from campaigns.schema.search import StrategyName
-from campaigns.search.learning_strategies import make_strategy
-from campaigns.search.model import Batch, Findings, FlightOutcome, SearchProblem
-from campaigns.search.search import Search
-from campaigns.search.space import Parameter, Space
-from campaigns.values.seeds import run_seed
-from orchestrator.campaign.workers.run_server import start_run_server
-from orchestrator.cli.progress_display import SilentDisplay
-from orchestrator.search.engine import BatchEngine
-from orchestrator.search.search_runner import SearchSettings, fly_search
+from wil_campaign.campaigns.values.seeds import run_seed
+from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
+from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
+from wil_campaign.plugins.search.engine import BatchEngine
+from wil_campaign.plugins.search.exploration.learning_strategies import make_strategy
+from wil_campaign.plugins.search.exploration.model import (
+    Batch,
+    Findings,
+    FlightOutcome,
+    SearchProblem,
+)
+from wil_campaign.plugins.search.exploration.search import Search
+from wil_campaign.plugins.search.exploration.space import Parameter, Space
+from wil_campaign.plugins.search.search_part import StrategyName
+from wil_campaign.plugins.search.search_runner import fly_search
 
 STRATEGIES: tuple[StrategyName, ...] = ("tpe", "sobol", "random")
 _INTERRUPTED = 130
@@ -117,11 +123,10 @@ def flown(name: str, budget: int, jobs: int) -> Find:
     def find(strategy: StrategyName, seed: int) -> Findings:
         search = shipped_search(name, seed=seed, sets=_sets(strategy, budget))
         with tempfile.TemporaryDirectory() as folder:
-            engine = BatchEngine(
-                clock="virtual", jobs=jobs, real_kind="embedded", watcher=SilentDisplay()
-            )
-            settings = SearchSettings(out=Path(folder), clock="virtual", at_once=jobs)
-            outcome = fly_search(search, settings, engine, lambda _: None)
+            cleared = Cleared("virtual", jobs)
+            engine = BatchEngine(cleared=cleared, watcher=SilentDisplay())
+            options = FlightOptions(out=Path(folder))
+            outcome = fly_search(search, options, cleared, engine, lambda _: None)
         if outcome.exit_code == _INTERRUPTED:
             sys.exit(_INTERRUPTED)
         found = outcome.findings

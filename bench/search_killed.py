@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.orchestrator.search.searches import SEARCH, write_search
+from tests.plugins.search.searches import SEARCH, write_search
 
 _TPE = SEARCH.replace("strategy: grid", "strategy: tpe").replace("sim: 3", "sim: 8")
 _LAST_S = 600.0
@@ -28,7 +28,7 @@ _LAST_S = 600.0
 
 def start(file: Path, *more: str) -> subprocess.Popen[bytes]:
     """Start a search of a file as a user does."""
-    words = [sys.executable, "-m", "orchestrator.cli", "search", str(file), "--jobs", "2"]
+    words = [sys.executable, "-m", "wil_campaign", "search", str(file), "--jobs", "2"]
     words += ["--out", str(file.parent / "out"), *more]
     quiet = subprocess.DEVNULL
     return subprocess.Popen(words, stdout=quiet, stderr=quiet)  # noqa: S603 - our own program

@@ -17,17 +17,24 @@ from pathlib import Path
 
 import numpy as np
 
-from campaigns.expansion.expansion import Options
-from campaigns.search.learning_strategies import make_strategy
-from campaigns.search.model import Batch, Flight, FlightOutcome, FlownVerdict, Variant
-from campaigns.search.search_campaign import SearchCampaign
-from campaigns.search.search_file import load_search
-from campaigns.search.space import Space, Values
-from campaigns.values.seeds import run_seed
-from orchestrator.campaign.workers.run_server import start_run_server
-from orchestrator.cli.progress_display import SilentDisplay
-from orchestrator.model.results import RunResult
-from orchestrator.search.engine import BatchEngine
+from wil_campaign.campaigns.expansion.expansion import Options
+from wil_campaign.campaigns.values.seeds import run_seed
+from wil_campaign.orchestrator.campaign.flight_options import Cleared
+from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
+from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.plugins.search.engine import BatchEngine
+from wil_campaign.plugins.search.exploration.learning_strategies import make_strategy
+from wil_campaign.plugins.search.exploration.model import (
+    Batch,
+    Flight,
+    FlightOutcome,
+    FlownVerdict,
+    Variant,
+)
+from wil_campaign.plugins.search.exploration.search_campaign import SearchCampaign
+from wil_campaign.plugins.search.exploration.search_file import load_search
+from wil_campaign.plugins.search.exploration.space import Space, Values
 
 CAMPAIGNS = Path(__file__).parents[1] / "campaigns"
 TABLES = Path(__file__).parent / "tables"
@@ -121,9 +128,7 @@ class TableFlyer:
         self._search = search
         self._path = TABLES / f"{name}.csv"
         self._names = [one.name for one in search.space.parameters]
-        self._engine = BatchEngine(
-            clock="virtual", jobs=jobs, real_kind="embedded", watcher=SilentDisplay()
-        )
+        self._engine = BatchEngine(cleared=Cleared("virtual", jobs), watcher=SilentDisplay())
 
     def fly(self, flights: Iterable[Flight]) -> None:
         """Fly flights and write them down."""

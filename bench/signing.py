@@ -10,7 +10,7 @@ import json
 import statistics
 import time
 
-from orchestrator.operator.message_signing import signed, verified
+from wil_campaign.plugins.mqtt.message_signing import signed, verified
 
 TOPIC = "wil/gate/operator/abort"
 KEY = b"of the bench"

@@ -15,22 +15,27 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from orchestrator.model.clock import run_virtual
-from safety.fence.stopping import AccelerationEstimate, Motion, stopping_path, velocities_ahead
-from safety.guard.core.events import GuardSettings
-from safety.guard.core.velocity_command import VelocityCommand
 from tests.vehicles.embedded.fidelity.step_flight import PROFILES
-from vehicles.autopilots.autopilot import AutopilotName
-from vehicles.driver import Driver
-from vehicles.driver.vehicle_state import EstimateSample
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.profile import load_profile
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.links.memory import memory_pair
-from vehicles.setpoints import PositionSetpoint, VelocitySetpoint
-from vehicles.step_response.flight import SETPOINT_HZ, StepFlight
-from vehicles.step_response.segments import HEIGHT_M
-from worlds.frames import norm
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.plugins.step_response.flight import SETPOINT_HZ, StepFlight
+from wil_campaign.plugins.step_response.segments import HEIGHT_M
+from wil_campaign.safety.fence.stopping import (
+    AccelerationEstimate,
+    Motion,
+    stopping_path,
+    velocities_ahead,
+)
+from wil_campaign.safety.guard.core.events import GuardSettings
+from wil_campaign.safety.guard.core.velocity_command import VelocityCommand
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.profile import load_profile
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.setpoints import PositionSetpoint, VelocitySetpoint
+from wil_campaign.worlds.frames import norm
 
 SPEEDS_M_S = (0.85, 1.5, 2.5, 3.5, 5.0)
 AFTER_S = (0.2, 0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 3.0, 5.0)

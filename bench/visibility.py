@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from campaigns.expansion.expansion import Options, RunPlan, load_campaign
-from orchestrator.run.flight.run import fly
-from orchestrator.run.perception.visibility import VisibilityProbe
-from orchestrator.state.run_setup import RunOrder, RunSetup
-from safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.campaigns.expansion.expansion import Options, RunPlan, load_campaign
+from wil_campaign.orchestrator.run.flight.run import fly
+from wil_campaign.orchestrator.run.perception.visibility import VisibilityProbe
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 ROOT = Path(__file__).parents[1]
 MARK = 1.03

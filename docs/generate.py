@@ -1,106 +1,35 @@
-"""Writes what docs/ shows of the code itself: the layers in architecture.md, and api.md.
+"""Builds docs/built/api.md, the page of what files of users import, from the docstrings.
 
-`python docs/generate.py` writes both; tests/test_docs.py says when a page is stale. Modules are
-read, not imported, so that the pages are the same on every Python.
+The modules are read, not imported, so that the page is the same on every Python.
 """
 
 import ast
 import inspect
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-ARCHITECTURE = ROOT / "docs" / "architecture.md"
-API = ROOT / "docs" / "api.md"
-BEGIN, END = "<!-- layers: begin -->\n", "<!-- layers: end -->\n"
-
-Contracts = dict[str, list[list[str]]]
-"""By package: its layers from top to bottom, each the modules that stand beside each other."""
-
-
-def contracts() -> Contracts:
-    """Return the contracts of import-linter; the key of the top-level one is ""."""
-    tool = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["importlinter"]
-    found: Contracts = {}
-    for contract in tool["contracts"]:
-        layers = [[name.strip(" ()") for name in one.split("|")] for one in contract["layers"]]
-        for container in contract.get("containers", [""]):
-            found[container] = layers
-    return found
-
-
-def first_line(module: str) -> str:
-    """Return the first line of a module's docstring; "" for a module that is not there yet."""
-    path = ROOT / module.replace(".", "/")
-    path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
-    if not path.is_file():
-        return ""
-    text = ast.get_docstring(ast.parse(path.read_text("utf-8"))) or ""
-    return text.partition("\n")[0]
-
-
-def house(found: Contracts) -> str:
-    """Return the top-level packages as boxes: each may import those below it."""
-    width = 44
-    rule = "+" + "-" * width + "+"
-    boxes = [f"|{'   |   '.join(layer):^{width}}|" for layer in found[""]]
-    return "\n".join([rule, *(line for box in boxes for line in (box, rule))])
-
-
-def package_rows(package: str, found: Contracts, indent: int = 0) -> Iterator[str]:
-    """Return the layers of a package as lines, the top one first, then those inside of them."""
-    rule = ""
-    for layer in found[package]:
-        there = [(name, says) for name in layer if (says := first_line(f"{package}.{name}"))]
-        if there and rule:
-            yield rule
-        for name, says in there:
-            yield f"{' ' * indent}{name:<{28 - indent}} {says}"
-            if f"{package}.{name}" in found:
-                yield from package_rows(f"{package}.{name}", found, indent + 4)
-        rule = " " * indent + "-" * (28 - indent) if there else rule
-
-
-def layers_block() -> str:
-    """Return the part of architecture.md that is made from the contracts."""
-    found = contracts()
-    parts = ["```text", house(found), "```", ""]
-    for layer in found[""]:
-        for name in layer:
-            if name not in found:
-                parts += [f"**{name}**", "", first_line(name), ""]
-                continue
-            rows = [row.rstrip() for row in package_rows(name, found)]
-            parts += [f"**{name}**", "", "```text", *rows, "```", ""]
-    return "\n".join(parts)
-
-
-def architecture(text: str) -> str:
-    """Return architecture.md with the layers as the contracts are now."""
-    before, _, rest = text.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    return f"{before}{BEGIN}\n{layers_block()}\n{END}{after}"
-
+API = ROOT / "docs" / "built" / "api.md"
 
 INTRODUCTION = """# What your own files import
-Autonomies, steps of recipes and detectors of your own import `campaigns.api` and nothing else of
+Autonomies, steps of recipes and detectors of your own import `wil_campaign.api` and nothing else of
 this program: its names stay when modules move. Programs beside the campaign
-([delivery](delivery.md)) import nothing; they speak MAVLink and read environment variables. Scripts
-that read recordings import `orchestrator.recording.mcap_reader`.
+([delivery](../delivery.md)) import nothing; they speak MAVLink and read environment variables.
+Scripts that fly campaigns and read recordings import `wil_campaign` ([how](../python.md)).
 
 This page is made from the docstrings by `python docs/generate.py`.
 """
-USERS = "campaigns.api"
-RECORDINGS = "orchestrator.recording.mcap_reader"
+USERS = "wil_campaign.api"
+PROGRAMS = "wil_campaign"
 TITLES: dict[str, tuple[str, ...]] = {
-    "An autonomy": ("vehicles.autonomy", "vehicles.setpoints"),
-    "Readings": ("vehicles.readings", "worlds.camera"),
-    "A step of a recipe": ("recipes",),
-    "Detectors": ("vehicles.perception",),
-    "Poses and frames": ("worlds.frames", "vehicles.poses"),
+    "An autonomy": ("wil_campaign.vehicles.autonomy", "wil_campaign.vehicles.setpoints"),
+    "Readings": ("wil_campaign.vehicles.readings", "wil_campaign.worlds.camera"),
+    "A step of a recipe": ("wil_campaign.recipes",),
+    "An oracle": ("wil_campaign.safety.oracles",),
+    "Detectors": ("wil_campaign.vehicles.perception",),
+    "Poses and frames": ("wil_campaign.worlds.frames", "wil_campaign.vehicles.poses"),
 }
-"""Titles of api.md, each with the modules or packages from which campaigns.api has its names."""
+"""Titles of api.md, each with the modules or packages from which wil_campaign.api has its names."""
 OF_RECORDINGS = "Recording Recorded RecordedReading RecordedProvenance RecordedEvent"
 
 
@@ -122,7 +51,7 @@ def sections() -> Iterator[tuple[str, str, tuple[str, ...]]]:
         left = {name: module for name, module in left.items() if name not in here}
     if left:
         raise LookupError(f"no title of TITLES takes {left}")
-    yield "Recordings", RECORDINGS, tuple(OF_RECORDINGS.split())
+    yield "Recordings", PROGRAMS, tuple(OF_RECORDINGS.split())
 
 
 def module_tree(module: str) -> ast.Module:
@@ -134,7 +63,11 @@ def module_tree(module: str) -> ast.Module:
 
 def definition(module: str, name: str) -> tuple[ast.stmt, str]:
     """Return where a name is defined, followed through imports, and the text that explains it."""
-    body = module_tree(module).body
+    body = [
+        inner
+        for node in module_tree(module).body
+        for inner in (node.body if isinstance(node, ast.If) else [node])
+    ]
     for node, after in zip(body, [*body[1:], None], strict=True):
         match node:
             case ast.ImportFrom(module=str(source), names=names) if any(
@@ -225,8 +158,8 @@ def api() -> str:
 
 
 def main() -> None:
-    """Write both pages."""
-    ARCHITECTURE.write_text(architecture(ARCHITECTURE.read_text("utf-8")), "utf-8")
+    """Write the page."""
+    API.parent.mkdir(exist_ok=True)
     API.write_text(api(), "utf-8")
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, Literal, TypeVar
 
-from vehicles.readings import (
+from wil_campaign.vehicles.readings import (
     CameraReading,
     DepthReading,
     LidarPointsReading,
@@ -14,7 +14,7 @@ from vehicles.readings import (
     MicrophoneReading,
     Reading,
 )
-from worlds.frames import Pose
+from wil_campaign.worlds.frames import Pose
 
 Side = Literal["real", "twin"]
 SIDES: tuple[Side, ...] = ("real", "twin")

@@ -8,10 +8,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from safety.fence.geofence import Fence
-from worlds.frames import Vec3, norm, subtract
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.frames import Vec3, norm, subtract
 
 Check = Literal[
+    "firmware",
     "failsafe",
     "return_altitude",
     "takeoff_height",
@@ -29,6 +31,7 @@ Check = Literal[
     "distance",
     "disk",
     "operator",
+    "sender",
 ]
 _FIX_WITH_HEIGHT = 3
 """GPS_FIX_TYPE_3D_FIX; better fixes have greater numbers."""
@@ -61,6 +64,11 @@ class Item:
         subject = f"{self.vehicle} " if self.vehicle else ""
         by = f" (overridden by {self.by})" if self.by else ""
         return f"{subject}{self.check}: {self.text or self.outcome}{by}"
+
+
+def other_sender_item(vehicle: str, text: str) -> Item:
+    """Return the preflight item of another sender with a vehicle's ids, which is ignored."""
+    return Item("sender", vehicle, "ok", text=text)
 
 
 def settled(items: Iterable[Item], overrides: Mapping[Check, str]) -> tuple[Item, ...]:
@@ -108,6 +116,14 @@ def without_faults(check: Check, vehicle: str, faults: Iterable[str]) -> Item:
     return Item(check, vehicle, "refused" if text else "ok", text=text)
 
 
+def firmware_item(vehicle: str, flown: str, *, fits: bool, wanted: str) -> Item:
+    """Return the preflight item of a vehicle's firmware. flown: what it runs, in words."""
+    if fits:
+        return Item("firmware", vehicle, "ok")
+    text = f"it runs {flown}, and accept.firmware requires {wanted}"
+    return Item("firmware", vehicle, "refused", text=text)
+
+
 def home_item(vehicle: str, fence: Fence, position_ned_m: Vec3 | None, keep_m: float) -> Item:
     """Return the preflight item that a vehicle is inside its fence."""
     if position_ned_m is None:
@@ -119,7 +135,8 @@ def home_item(vehicle: str, fence: Fence, position_ned_m: Vec3 | None, keep_m: f
     where = (
         f"it is {-margin_m:.2f} m outside of the fence's {side}"
         if margin_m < 0.0
-        else f"it is {margin_m:.2f} m from the fence's {side}, nearer than {keep_m:g} m"
+        else f"it is {distinct_text(margin_m, keep_m)} m from the fence's {side}, nearer than "
+        f"{keep_m:g} m"
     )
     return Item("home", vehicle, "refused", margin_m, keep_m, "m", where)
 
@@ -195,13 +212,9 @@ def ground_truth_item(
     return at_least("ground_truth", vehicle, rate_hz, least_hz, unit="Hz", what=what)
 
 
-def unsigned_commands_item() -> Item:
-    """Return the preflight item of unsigned MQTT commands, which the campaign allows."""
-    text = (
-        "commands by MQTT are not signed: every client that may publish at the broker can command "
-        "the flight"
-    )
-    return Item("operator", "", "overridden", text=text, by="operator.mqtt.commands: unsigned")
+def permitted_item(by: str, text: str) -> Item:
+    """Return the preflight item of what is unsafe and the campaign permits operators, by a key."""
+    return Item("operator", "", "overridden", text=text, by=by)
 
 
 def pair_item(real_m: Vec3 | None, twin_m: Vec3 | None, tolerance_m: float) -> Item:

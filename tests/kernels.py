@@ -5,9 +5,9 @@ Each of them compiles otherwise what it finds missing, all the same at the same 
 
 from pathlib import Path
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.run.perception.warm_up import warm_up
-from orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.run.perception.warm_up import warm_up
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 
 _ROOT = Path(__file__).parents[1]
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from campaigns.search.model import FlightOutcome, Variant
-from campaigns.search.space import Parameter, Space
+from wil_campaign.plugins.search.exploration.model import FlightOutcome, Variant
+from wil_campaign.plugins.search.exploration.space import Parameter, Space
 
 BENCH = Path(__file__).parents[1] / "bench"
 

@@ -7,11 +7,12 @@ from typing import Any
 import pytest
 import yaml
 
-from orchestrator.cli import build_app
 from tests.test_house import ROOT
+from wil_campaign.orchestrator.cli import build_app
+from wil_campaign.orchestrator.cli.commands.init import _filled
 
+STARTERS = ROOT / "orchestrator" / "cli" / "starter"
 PAGE = (ROOT / "docs" / "ci.md").read_text("utf-8")
-STARTER = ROOT / "orchestrator" / "cli" / "starter" / "github-workflow.yml.in"
 
 
 def blocks(language: str) -> list[str]:
@@ -32,17 +33,33 @@ def commands(found: Any) -> list[str]:
 
 LINES = [
     line
-    for text in (*blocks("yaml"), STARTER.read_text("utf-8").replace("@NAME@", "first"))
+    for text in (*blocks("yaml"), _filled("github-workflow.yml.in", "first"))
     for line in commands(yaml.safe_load(text))
     if line.startswith("wil-campaign ")
 ] + [line for text in blocks("sh") for line in text.splitlines()]
 
 
 def test_the_page_has_both_systems_with_junit() -> None:
-    github, gitlab = (yaml.safe_load(text) for text in blocks("yaml"))
+    github, gitlab, _ = (yaml.safe_load(text) for text in blocks("yaml"))
     assert "upload-artifact" in str(github["jobs"]["fly"]["steps"])
     assert gitlab["fly"]["artifacts"]["reports"]["junit"] == "junit.xml"
     assert len(LINES) >= 8
+
+
+def test_the_page_builds_a_wheel_tries_it_and_attaches_it() -> None:
+    *_, wheel = (yaml.safe_load(text) for text in blocks("yaml"))
+    assert wheel[True]["push"]["tags"]  # YAML 1.1 reads the key `on` as true
+    lines = [step["run"] for step in wheel["jobs"]["wheel"]["steps"] if "run" in step]
+    order = ("pip wheel", "pip install", "wil-campaign --version", "wil-campaign run", "gh release")
+    assert [line.startswith(one) for line, one in zip(lines, order, strict=True)] == [True] * 5
+
+
+def test_nothing_promises_a_release_on_an_index() -> None:
+    """By name alone pip finds the program only where it is installed: extras are added to it."""
+    pages = [*(ROOT / "docs").glob("*.md"), ROOT / "README.md", *STARTERS.iterdir()]
+    by_name = re.compile(r"pip install [^\n&]*?\bwil-campaign(?!\[|==VERSION| @ )")
+    found = {path.name: by_name.findall(path.read_text("utf-8")) for path in pages}
+    assert {name for name, lines in found.items() if lines} == set()
 
 
 @pytest.mark.parametrize("line", LINES)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.conftest import FAST, WALL
+from wil_campaign.orchestrator import installation
 
 ROOT = Path(__file__).parents[1]
 NOT_PACKAGES = {"tests", "bench", "docs"}
@@ -19,11 +20,11 @@ RETIRED = frozenset(
     re.findall(
         r"\w+",
         """
-        hangar course stations telling aboard journal journals arranging sensing seeing
+        hangar stations telling aboard journal journals arranging sensing seeing
         perceiving lifting desk reservations honesty honest honoured ward charter leftover
         leftovers steering tape taped insist insisting insistence keeper felt surround surroundings
         stranger strangers told said heard blackout blackouts voice voices pilot pilots pictures
-        hangars courses tellings wards charters desks keepers tapes
+        hangars tellings wards charters desks keepers tapes
         """,
     )
 )
@@ -32,7 +33,6 @@ IN_TESTS = frozenset({"pilot", "pilots", "pictures"})
 """Retired for parts of ours alone: tests are about people with a transmitter as well."""
 RETIRED_PAIRS = frozenset({"last words", "took back", "take back", "taken up", "led clock"})
 WRITTEN = {
-    "course_rad": "a direction of travel",
     "pictures": "keys of YAML: record.pictures, and quality.pictures of calibration files",
     "blackouts": "a key of YAML",
     "pilot": "a person with a transmitter",
@@ -64,25 +64,38 @@ def tools() -> Any:
 
 
 def packages() -> set[str]:
+    """The folders of the repository with code of the product."""
     found = {path.parent.name for path in ROOT.glob("*/__init__.py")}
     return found - NOT_PACKAGES
 
 
 def test_every_package_stands_in_the_contract() -> None:
-    contract, *inner = tools()["importlinter"]["contracts"]
-    layers = [name.strip() for layer in contract["layers"] for name in layer.split("|")]
-    assert sorted(layers) == sorted(packages())
-    assert sorted(tools()["importlinter"]["root_packages"]) == sorted(packages())
-    assert all(one["exhaustive"] and one["type"] == "layers" for one in inner)
-    assert packages() - {"wil_campaign"} <= {name for one in inner for name in one["containers"]}
-    assert [path.name for path in (ROOT / "wil_campaign").glob("*.py")] == ["__init__.py"]
+    contract, *inner, circles = tools()["importlinter"]["contracts"]
+    assert (circles["type"], circles["ancestors"]) == ("acyclic_siblings", ["wil_campaign"])
+    assert set(circles) == {"id", "name", "type", "ancestors"}, "at any depth, no exception"
+    layers = {name.strip() for layer in contract["layers"] for name in layer.split("|")}
+    own = {path.stem for path in (ROOT / "wil_campaign").glob("*.py")} - {"__init__"}
+    assert contract["containers"] == ["wil_campaign"]
+    assert layers == own | packages() - {"wil_campaign"}
+    assert all(one["exhaustive"] and one["type"] == "layers" for one in (contract, *inner))
+    held = {name for one in inner for name in one["containers"]}
+    large = ("plugins", "orchestrator", "campaigns", "safety", "vehicles")
+    assert {f"wil_campaign.{name}" for name in large} == held
 
 
 def test_every_package_is_checked_built_and_typed() -> None:
-    assert set(tools()["mypy"]["packages"]) == {*packages(), "tests"}
-    built = tools()["hatch"]["build"]["targets"]["wheel"]["packages"]
-    assert set(built) == packages()
-    assert all((ROOT / name / "py.typed").is_file() for name in packages())
+    assert set(tools()["mypy"]["packages"]) == {"wil_campaign", "tests"}
+    below = packages() - {"wil_campaign"}
+    links = {path.name: path for path in (ROOT / "wil_campaign").iterdir() if path.is_symlink()}
+    assert {name: path.readlink().as_posix() for name, path in links.items()} == {
+        name: f"../{name}" for name in below
+    }
+    hook = ast.parse((ROOT / tools()["hatch"]["build"]["hooks"]["custom"]["path"]).read_text())
+    folders = next(one for one in hook.body if isinstance(one, ast.Assign))
+    assert set(ast.literal_eval(folders.value)) == below == set(installation._FOLDERS)
+    banned = tools()["ruff"]["lint"]["flake8-tidy-imports"]["banned-api"]
+    assert set(banned) == below | {"numba"}, "kernels are compiled by worlds.jit alone"
+    assert (ROOT / "wil_campaign" / "py.typed").is_file()
 
 
 def test_every_folder_of_code_is_a_package() -> None:

@@ -5,7 +5,16 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("bench", "campaigns", "orchestrator", "recipes", "safety", "vehicles", "worlds")
+PACKAGES = (
+    "bench",
+    "campaigns",
+    "orchestrator",
+    "plugins",
+    "recipes",
+    "safety",
+    "vehicles",
+    "worlds",
+)
 HELPER = ROOT / "vehicles" / "tasks.py"
 _STARTS = {"create_task", "ensure_future"}
 _GROUPS = {"group", "tasks"}

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from vehicles.readings import Reading
-from vehicles.setpoints import Setpoint
-from worlds.frames import Pose, Vec3
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.vehicles.setpoints import Setpoint
+from wil_campaign.worlds.frames import Pose, Vec3
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,13 +1,15 @@
-"""The command backends of a driver, by the name in a campaign."""
+"""The command backends of a driver, by the name in a campaign: our own frames, or a plugin's."""
 
-from typing import Literal
+from wil_campaign.hooks import drivers
+from wil_campaign.installed_plugins import added, load
+from wil_campaign.vehicles.driver.command_backend import CommandBackend, FrameBackend
 
-from vehicles.driver.command_backend import CommandBackend, FrameBackend
-from vehicles.mavsdk.mavsdk_backend import MavsdkBackend
-
-DriverName = Literal["mavlink", "mavsdk"]
+OWN_FRAMES = "mavlink"
 
 
-def command_backend_of(driver: DriverName, *, name: str) -> CommandBackend:
+def command_backend_of(driver: str, *, name: str) -> CommandBackend:
     """Return the command backend of a driver; name: of the vehicle, for messages."""
-    return MavsdkBackend(name=name) if driver == "mavsdk" else FrameBackend()
+    if driver == OWN_FRAMES:
+        return FrameBackend()
+    backend: CommandBackend = load(added(drivers)[driver].backend)(name=name)
+    return backend

@@ -2,8 +2,8 @@
 
 from typing import Literal
 
-from vehicles.setpoints import VelocitySetpoint
-from worlds.frames import Pose, Vec3, add, norm, scale, subtract
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
+from wil_campaign.worlds.frames import Pose, Vec3, add, norm, scale, subtract
 
 Coupling = Literal["follow", "free", "shadow", "placed"]
 """follow: the twin's autopilot gets setpoints from the real vehicle's motion. free: the autonomy

@@ -1,5 +1,11 @@
 """The errors of vehicles: one root, and messages that say what, where and what to do."""
 
+NO_JSBSIM = (
+    "an embedded vehicle is simulated by JSBSim, which is not installed here (it has no package "
+    "for Linux on ARM): attach or launch the vehicle, or pip install jsbsim"
+)
+"""Why there is no embedded vehicle on this machine, and what to do."""
+
 
 class VehicleError(Exception):
     """The base of errors of vehicles, their links and autopilots."""

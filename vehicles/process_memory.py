@@ -13,10 +13,29 @@ _MB = 1_000_000
 
 def resident_mb(process: psutil.Process | None = None) -> float:
     """Return the resident memory of a process (default: this one), in 10^6 bytes; 0 if it ended."""
+    if process is None and (own_mb := _own_mb()) is not None:
+        return own_mb
     try:
         return float((process or _process(os.getpid())).memory_info().rss) / _MB
     except psutil.Error:
         return 0.0
+
+
+def _own_mb() -> float | None:
+    """Return this process's resident memory as Linux counts it; None where it does not say.
+
+    The second number of proc_pid_statm(5), which psutil reads, too, in 60 us in place of 25: a
+    run asks 20 times a second. A descriptor that was kept might be closed by anybody.
+    """
+    try:
+        file = os.open("/proc/self/statm", os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            pages = int(os.read(file, 256).split()[1])
+        finally:
+            os.close(file)
+    except (OSError, ValueError, IndexError):
+        return None
+    return float(pages * resource.getpagesize()) / _MB
 
 
 @lru_cache(maxsize=1)

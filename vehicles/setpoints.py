@@ -1,8 +1,9 @@
 """The setpoints of an autonomy for its vehicle, in the world's local frame."""
 
 from dataclasses import dataclass
+from typing import Literal
 
-from worlds.frames import Vec3
+from wil_campaign.worlds.frames import Vec3
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,3 +27,6 @@ class VelocitySetpoint:
 
 
 Setpoint = PositionSetpoint | VelocitySetpoint
+
+Setpoints = Literal["velocity", "position", "attitude"]
+"""The setpoints of an autonomy: velocities or accelerations, positions, or attitudes."""

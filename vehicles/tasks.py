@@ -17,10 +17,7 @@ T = TypeVar("T")
 FAULTS = (Exception, asyncio.CancelledError)
 """Faults of code that does not await; Ctrl-C and SystemExit are none."""
 
-_OURS = tuple(
-    str(Path(__file__).parents[1] / name)
-    for name in ("campaigns", "orchestrator", "recipes", "safety", "vehicles", "worlds")
-)
+_OURS = str(Path(__file__).parents[1])
 
 TakeFault = Callable[[BaseException, str], None]
 """Takes an exception and where it arose."""

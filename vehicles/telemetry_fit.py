@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.autopilot import Autopilot, TelemetryRates
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, TelemetryRates
 
 LEAST_HZ = 10.0
 """With less frequent positions the guard would notice a breach too late."""

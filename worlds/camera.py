@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Self
 
-from worlds.frames import AT_ORIGIN, Pose, Vec3
+from wil_campaign.worlds.frames import AT_ORIGIN, Pose, Vec3
 
 
 @dataclass(frozen=True, slots=True)

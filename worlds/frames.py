@@ -117,6 +117,12 @@ def quat_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quat:
     )
 
 
+def heading_of(q: Quat) -> float:
+    """Return an attitude's heading in radians, clockwise from north, in [-pi, pi]."""
+    w, x, y, z = q
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
 def euler_from_quat(q: Quat) -> Vec3:
     """Return (roll, pitch, yaw) in radians; at pitch +-90 degrees roll is set to 0."""
     w, x, y, z = q
@@ -211,8 +217,7 @@ class Pose:
     @property
     def yaw_rad(self) -> float:
         """Return the pose's heading, clockwise from north, in [-pi, pi]."""
-        w, x, y, z = self.q_wxyz
-        return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        return heading_of(self.q_wxyz)
 
     def to_parent(self, point_m: Vec3) -> Vec3:
         """Return a point of this body's frame in the parent frame."""

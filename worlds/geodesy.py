@@ -8,7 +8,7 @@ tangent plane); Heikkinen (1982) as given by Zhu (1994) for ECEF to geodetic.
 import math
 from dataclasses import dataclass, field
 
-from worlds.frames import Vec3
+from wil_campaign.worlds.frames import Vec3
 
 SEMI_MAJOR_M = 6378137.0
 FLATTENING = 1.0 / 298.257223563

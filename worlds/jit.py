@@ -5,13 +5,18 @@ Without fast-math and without contraction, so that every CPU computes the same b
 Numba caches a kernel until its own file changes, and ignores changes of files whose kernels it
 calls; so the cache is in a folder named after a digest of the sources that it may call: this
 package's kernels, and all files beside the kernel's own. The folder is in NUMBA_CACHE_DIR, else
-beside the package, else, where that cannot be written, in the user's cache.
+beside the package, else in the user's cache, else beneath TMPDIR: the first that is writable and
+that no other user can change, because what is loaded from it is run. Without one each process
+compiles its kernels.
 """
 
 import hashlib
 import os
+import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache, cached_property
 from importlib import import_module
 from pathlib import Path
@@ -19,6 +24,8 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
+
+from wil_campaign.worlds.files.own_folders import fault_of_folder, home_folder
 
 F64 = NDArray[np.float64]
 Int = Any
@@ -40,25 +47,60 @@ def sources_digest(files: list[Path]) -> str:
     return digest.hexdigest()[:16]
 
 
+@dataclass(frozen=True, slots=True)
+class KernelCache:
+    """Where a package's JIT-compiled kernels are cached; folder: None when there is no safe place.
+
+    passed_over: what is wrong with the places before it, in words.
+    """
+
+    folder: Path | None
+    passed_over: tuple[str, ...]
+
+
 @cache
-def cache_folder(package: Path = _HERE / "render") -> Path | None:
-    """Return the cache folder of a package's JIT-compiled kernels; None when none is writable."""
+def find_kernel_cache(package: Path = _HERE / "render") -> KernelCache:
+    """Return the cache of a package's JIT-compiled kernels; its folder is made."""
     sources = {*(_HERE / file for file in _KERNEL_FILES), *_HERE.glob("render/*.py")}
     name = "kernels-" + sources_digest(sorted(sources | set(package.glob("*.py"))))
-    requested = os.environ.get("NUMBA_CACHE_DIR")
-    home = os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()
-    parents = (
-        [Path(requested)] if requested else [_HERE / "__pycache__", Path(home) / "wil-campaign"]
-    )
-    for parent in parents:
-        folder = parent / name
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(folder, os.W_OK | os.X_OK):
-            return folder
-    return None
+    passed_over: list[str] = []
+    for folder in _places(name):
+        fault = _make_private(folder)
+        if not fault:
+            return KernelCache(folder, tuple(passed_over))
+        passed_over.append(f"{folder} {fault}")
+    return KernelCache(None, tuple(passed_over))
+
+
+def cache_folder(package: Path) -> Path | None:
+    """Return the cache folder of a package's JIT-compiled kernels; None without a safe one."""
+    return find_kernel_cache(package).folder
+
+
+def _places(name: str) -> Iterator[Path]:
+    """Yield the folders for a cache of this name, the first choice first."""
+    if requested := os.environ.get("NUMBA_CACHE_DIR"):
+        yield Path(requested) / name
+    else:
+        yield _HERE / "__pycache__" / name
+        if cache_home := os.environ.get("XDG_CACHE_HOME"):
+            yield Path(cache_home) / "wil-campaign" / name
+        elif (home := home_folder()) is not None:
+            yield home / ".cache" / "wil-campaign" / name
+    with suppress(OSError):  # there is no folder for temporary files
+        yield Path(tempfile.gettempdir()) / f"wil-{os.getuid()}-{name}"
+
+
+def _make_private(folder: Path) -> str:
+    """Make a folder that no other user can change; return why it is of no use, or ""."""
+    try:
+        folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, exist_ok=True)
+    except OSError as error:
+        return f"cannot be made: {error.strerror or error}"
+    if fault := fault_of_folder(folder, denied=0o022):
+        return fault
+    return "" if os.access(folder, os.W_OK | os.X_OK) else "is not writable"
 
 
 def compiled(function: Function) -> Function:
@@ -96,8 +138,8 @@ def _numba() -> Any:
     in each process that calls a kernel, to learn that SciPy is there. A kernel with a product of
     matrices still imports it when it is compiled.
     """
-    import numba  # noqa: PLC0415 - see above
-    from numba.np import linalg  # noqa: PLC0415
+    import numba  # noqa: PLC0415, TID251 - see above
+    from numba.np import linalg  # noqa: PLC0415, TID251
 
     tried = linalg.ensure_blas
     linalg.ensure_blas = lambda: None

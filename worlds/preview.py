@@ -1,4 +1,4 @@
-"""Renders a preview of a world file: `python -m worlds.preview WORLD.yaml IMAGE.png`.
+"""Renders a preview of a world file: `python -m wil_campaign.worlds.preview WORLD.yaml IMAGE.png`.
 
 For authors of worlds: is the mesh upright, its unit right, the gate where it should be?
 """
@@ -13,13 +13,13 @@ from typing import get_args
 import cv2
 import numpy as np
 
-from worlds.camera import Intrinsics
-from worlds.files.documents import BadInput, load
-from worlds.frames import Pose
-from worlds.render.renderer import Renderer, RenderOutput
-from worlds.scene.motion import MOMENTS
-from worlds.scene.scene import Scene
-from worlds.world_file.world import Mode, Which, World
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.files.documents import BadInput, load
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.render.renderer import Renderer, RenderOutput
+from wil_campaign.worlds.scene.motion import MOMENTS
+from wil_campaign.worlds.scene.scene import Scene
+from wil_campaign.worlds.world_file.world import Mode, Which, World
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -44,7 +44,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     """Return the parser of the preview's command line."""
-    parser = argparse.ArgumentParser(prog="python -m worlds.preview", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m wil_campaign.worlds.preview", description=__doc__
+    )
     parser.add_argument("world", type=Path, help="a world file")
     parser.add_argument("image", type=_image_file, help="the image to write (.png, .jpg)")
     for name, default, text in (

@@ -15,14 +15,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from worlds.camera import Intrinsics
-from worlds.frames import Pose, Vec3, quat_from_euler
-from worlds.render.renderer import Renderer
-from worlds.scene import shapes
-from worlds.scene.meshes import Mesh
-from worlds.scene.motion import Motion, Waypoint
-from worlds.scene.scene import Scene, SceneObject
-from worlds.scene.shapes import Shape
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose, Vec3, quat_from_euler
+from wil_campaign.worlds.render.renderer import Renderer
+from wil_campaign.worlds.scene import shapes
+from wil_campaign.worlds.scene.meshes import Mesh
+from wil_campaign.worlds.scene.motion import Motion, Waypoint
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.shapes import Shape
 
 NAMES = ("person", "quadrotor")
 WIDTH_PX, HEIGHT_PX = 320, 240

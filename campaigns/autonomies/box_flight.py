@@ -4,11 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Generic, TypeVar, get_args
 
-from campaigns.api import Telemetry
-from campaigns.autonomies.box_sight import BoxFinder, Layout
-from campaigns.autonomies.flight_frame import FlightFrame
-from campaigns.autonomies.parameters import goal_altitude_m, read_parameters
-from campaigns.autonomies.pid import Gains
+from wil_campaign.api import Telemetry
+
+from .box_sight import BoxFinder, Layout
+from .flight_frame import FlightFrame
+from .parameters import goal_altitude_m, read_parameters
+from .pid import Gains
 
 _MAY_BE_ZERO = frozenset({"ki", "kd", "standard_errors"})
 _CHOICES = {"layout": get_args(Layout)}
@@ -19,8 +20,8 @@ class BoxFlightParameters:
     """The parameters of every flight by a detector's box.
 
     for_s: duration of the flight. kp, ki, kd: of the controllers. model, names (separated by
-    commas), input_px, layout: of a detector other than the shipped one, an ONNX file beside this
-    file; layout: of its output.
+    commas; empty for those that the file states), input_px, layout: of a detector other than the
+    shipped one, an ONNX file beside this file; layout: of its output.
     """
 
     for_s: float = 12.0
@@ -34,7 +35,7 @@ class BoxFlightParameters:
 
     def finder(self, wanted: str) -> BoxFinder:
         """Return a finder of boxes of one class. Raises ValueError, DetectorError."""
-        names = [name.strip() for name in self.names.split(",")]
+        names = [name.strip() for name in self.names.split(",")] if self.names else []
         return BoxFinder(
             wanted,
             model=self.model,

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from campaigns.api import CameraReading, Detection, OnnxDetector, shipped_detector
-from campaigns.autonomies.gate_sight import View
+from wil_campaign.api import CameraReading, Detection, OnnxDetector, shipped_detector
+
+from .gate_sight import View
 
 Layout = Literal["auto", "v5", "v8", "end2end"]
 """Of the output of a detector; as OnnxDetector takes it."""
@@ -33,9 +34,9 @@ class BoxSight:
 class BoxFinder:
     """Finds the box of one class with the highest score in images.
 
-    model: an ONNX file of the YOLO family beside this file, with the names of its classes, the side
-    of its input and the layout of its output; "" is the shipped detector. Raises ValueError,
-    DetectorError.
+    model: an ONNX file of the YOLO family beside this file, with the names of its classes (none for
+    those that it states itself), the side of its input and the layout of its output; "" is the
+    shipped detector. Raises ValueError, DetectorError.
     """
 
     def __init__(
@@ -51,17 +52,24 @@ class BoxFinder:
         if not model:
             self._detector = shipped_detector()
             return
-        if wanted not in names:
-            raise ValueError(f"the detector '{model}' needs a class '{wanted}' among its names")
+        if names:
+            _require(wanted, names, model)
         path = Path(__file__).parent / model
         self._detector = OnnxDetector(
             path, names=names, input_px=(input_px, input_px), layout=layout
         )
+        _require(wanted, self._detector.names, model)
 
     def find(self, reading: CameraReading) -> Detection | None:
         """Return the detection of the class with the highest score; None without any."""
         detections = self._detector.detect(reading.image_bgr)
         return next((one for one in detections if one.name == self._wanted), None)
+
+
+def _require(wanted: str, names: Sequence[str], model: str) -> None:
+    """Raise ValueError for a detector without the wanted class."""
+    if wanted not in names:
+        raise ValueError(f"the detector '{model}' needs a class '{wanted}' among its names")
 
 
 def box_sight(box: Detection, view: View) -> BoxSight | None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from campaigns.api import (
+from wil_campaign.api import (
     Command,
     DepthReading,
     Pose,
@@ -23,9 +23,10 @@ from campaigns.api import (
     quat_from_euler,
     wrap_pi,
 )
-from campaigns.autonomies.braking import stopping_speed
-from campaigns.autonomies.obstacle_map import ObstacleMap, free_ways
-from campaigns.autonomies.parameters import goal_altitude_m, read_parameters
+
+from .braking import stopping_speed
+from .obstacle_map import ObstacleMap, free_ways
+from .parameters import goal_altitude_m, read_parameters
 
 _OWNER = "detour autonomy"
 _HEIGHT_GAIN = 1.2

@@ -3,8 +3,9 @@
 import math
 from dataclasses import dataclass
 
-from campaigns.api import Pose, Telemetry, Vec3, VelocitySetpoint, subtract
-from campaigns.autonomies.pid import Gains, Pid
+from wil_campaign.api import Pose, Telemetry, Vec3, VelocitySetpoint, subtract
+
+from .pid import Gains, Pid
 
 _LONGEST_STEP_S = 0.2
 """Longest time between two commands that counts for the integral; more is a gap."""

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from statistics import median
 
-from campaigns.api import (
+from wil_campaign.api import (
     CameraReading,
     Command,
     PoseHistory,
@@ -19,11 +19,12 @@ from campaigns.api import (
     Telemetry,
     quat_from_euler,
 )
-from campaigns.autonomies.box_flight import BoxFlight, BoxFlightParameters
-from campaigns.autonomies.box_sight import box_sight
-from campaigns.autonomies.flight_frame import PositionController
-from campaigns.autonomies.gate_sight import View
-from campaigns.autonomies.pid import Gains
+
+from .box_flight import BoxFlight, BoxFlightParameters
+from .box_sight import box_sight
+from .flight_frame import PositionController
+from .gate_sight import View
+from .pid import Gains
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +46,6 @@ class FollowParameters(BoxFlightParameters):
     smooth_s: float = 1.0
     lost_s: float = 0.7
     camera_stabilized: bool = False
-    names: str = "person"
 
 
 @dataclass(frozen=True, slots=True)

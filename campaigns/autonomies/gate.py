@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from campaigns.api import (
+from wil_campaign.api import (
     NAMED_COLORS,
     BlobFinder,
     CameraReading,
@@ -22,13 +22,14 @@ from campaigns.api import (
     Vec3,
     quat_from_euler,
 )
-from campaigns.autonomies.braking import stopping_speed
-from campaigns.autonomies.flight_frame import FlightFrame
-from campaigns.autonomies.gate_parameters import OWNER, parse_parameters
-from campaigns.autonomies.gate_sight import View, sight_of
-from campaigns.autonomies.gate_track import GateTrack
-from campaigns.autonomies.parameters import goal_altitude_m
-from campaigns.autonomies.pid import Gains, Pid
+
+from .braking import stopping_speed
+from .flight_frame import FlightFrame
+from .gate_parameters import OWNER, parse_parameters
+from .gate_sight import View, sight_of
+from .gate_track import GateTrack
+from .parameters import goal_altitude_m
+from .pid import Gains, Pid
 
 Phase = Literal["search", "approach", "through", "stop"]
 

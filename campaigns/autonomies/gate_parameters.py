@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from campaigns.api import NAMED_COLORS
-from campaigns.autonomies.parameters import read_parameters
+from wil_campaign.api import NAMED_COLORS
+
+from .parameters import read_parameters
 
 OWNER = "gate autonomy"
 

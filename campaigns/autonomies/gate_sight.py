@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from campaigns.api import Blob, Intrinsics, Opening, Quat, rotate
+from wil_campaign.api import Blob, Intrinsics, Opening, Quat, rotate
 
 
 @dataclass(frozen=True, slots=True)

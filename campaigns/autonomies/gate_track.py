@@ -1,8 +1,9 @@
 """The gate's estimated place: a filter over sights, in the flight frame."""
 
-from campaigns.api import Vec3
-from campaigns.autonomies.gate_range import ASSUMED_WIDTH_M, Looming
-from campaigns.autonomies.gate_sight import Bearing, Sight
+from wil_campaign.api import Vec3
+
+from .gate_range import ASSUMED_WIDTH_M, Looming
+from .gate_sight import Bearing, Sight
 
 ASSUMED_RANGE_M = 3.0
 """Used until the gate's opening is seen; in the paper the gate is 3 m ahead."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from campaigns.api import DepthReading, Pose, Quat, rotate
+from wil_campaign.api import DepthReading, Pose, Quat, rotate
 
 CELL_M = 0.2
 HEADINGS = 72

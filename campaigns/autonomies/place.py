@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from campaigns.api import Command, PositionSetpoint, Reading, Telemetry, Vec3, norm, subtract
+from wil_campaign.api import Command, PositionSetpoint, Reading, Telemetry, Vec3, norm, subtract
 
 _KNOWN = {"speed_m_s": 1.0, "tolerance_m": 0.15, "still_m_s": 0.15, "for_s": 1.0}
 _YAW = "yaw_deg"

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from campaigns.api import Command, Reading, Telemetry, VelocitySetpoint, rotate
+from wil_campaign.api import Command, Reading, Telemetry, VelocitySetpoint, rotate
 
 _KNOWN = {"speed_m_s": 1.0, "for_s": 10.0}
 

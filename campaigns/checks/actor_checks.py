@@ -2,15 +2,16 @@
 
 from collections.abc import Iterator
 
-from campaigns.schema import Mode
-from campaigns.setup.actor_setups import ActorSetup
-from campaigns.setup.case_files import CaseFiles
-from campaigns.setup.case_setup import Setup
-from campaigns.setup.encounters import encounters
-from safety.fence.geofence import Fence
-from worlds.files.documents import Path as KeyPath
-from worlds.files.documents import Problem
-from worlds.frames import Vec3
+from wil_campaign.campaigns.schema import Mode
+from wil_campaign.campaigns.setup.actor_setups import ActorSetup
+from wil_campaign.campaigns.setup.case_files import CaseFiles
+from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.encounters import encounters
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.files.documents import Path as KeyPath
+from wil_campaign.worlds.files.documents import Problem
+from wil_campaign.worlds.frames import Vec3
 
 
 def actor_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
@@ -77,8 +78,8 @@ def _way_outside_fence(
             message = f"'{actor.name}' {what} {-margin_m:.2f} m outside of its geofence's {side}"
         elif margin_m < keep_m:
             message = (
-                f"'{actor.name}' {what} {margin_m:.2f} m from its geofence's {side}, nearer than "
-                f"keep_m {keep_m:g}"
+                f"'{actor.name}' {what} {distinct_text(margin_m, keep_m)} m from its geofence's "
+                f"{side}, nearer than keep_m {keep_m:g}"
             )
         else:
             continue

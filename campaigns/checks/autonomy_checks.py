@@ -6,19 +6,22 @@ import multiprocessing as mp
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkContext, SpawnContext
+from pathlib import Path as FilePath
 from types import ModuleType
 
-from campaigns.setup.autonomy_under_test import UnderTest
-from campaigns.setup.external_reader import program_problems
-from campaigns.values.references import BadReferenceError
-from vehicles.process_memory import limited_allocation
-from vehicles.processes.linux import processor_wait_s
-from worlds.files.documents import Document, Path, Problem
+from wil_campaign.campaigns.checks.asked_keys import unread_keys
+from wil_campaign.campaigns.setup.autonomy_under_test import UnderTest
+from wil_campaign.campaigns.values.references import BadReferenceError
+from wil_campaign.vehicles.process_memory import limited_allocation
+from wil_campaign.vehicles.processes.linux import processor_wait_s
+from wil_campaign.worlds.files.documents import Document, Path, Problem
+from wil_campaign.worlds.files.user_modules import keep_user_files, user_files
 
 LONGEST_BUILD_S = 30.0
 """How long an autonomy may take to be imported and built where it is tried in a child process; as
@@ -39,31 +42,55 @@ class _Refusal:
     suggestion: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What came of building an autonomy once; picklable.
+
+    refusal: why it cannot be built; None if it can. unread: the keys of `autonomy.with` that it
+    never read, each with the key that was probably meant, or "".
+    """
+
+    refusal: _Refusal | None = None
+    unread: Mapping[str, str] = field(default_factory=dict)
+
+
+class _BlocksError(TimeoutError):
+    """A child process has not imported and built the autonomy in time."""
+
+
 class IsolatedBuilds:
     """Builds autonomies in child processes to check them, each once for all cases.
 
-    A child that takes longer than LONGEST_BUILD_S is ended; a fork sooner; then a process is
-    tried that is not forked.
+    A forked child that takes longer than a third of the autonomy's `build_s`, of LONGEST_BUILD_S at
+    most, is ended; then a process that is not forked has the rest.
     """
 
     def __init__(self) -> None:
-        self._refusals: dict[str, _Refusal | None] = {}
+        self._trials: dict[str, Trial] = {}
 
-    def refusal(self, under_test: UnderTest) -> _Refusal | None:
-        """Return why the autonomy cannot be built in a child process; None if it can."""
+    def trial(self, under_test: UnderTest) -> Trial:
+        """Return what comes of building the autonomy in a child process."""
         key = repr(under_test)
-        if key not in self._refusals:
-            self._refusals[key] = _refusal_in_child(under_test)
-        return self._refusals[key]
+        if key not in self._trials:
+            self._trials[key] = _trial_in_child(under_test)
+        return self._trials[key]
 
 
-def autonomy_problems(
-    campaign: Document, under_test: UnderTest, builds: IsolatedBuilds | None
-) -> list[Problem]:
-    """Return the problems found by building the autonomy once; builds=None: in this process."""
-    if under_test.program is not None:
-        return program_problems(campaign, under_test.program, under_test.folder)
-    refusal = _refusal(under_test) if builds is None else builds.refusal(under_test)
+def try_autonomy(under_test: UnderTest, builds: IsolatedBuilds | None) -> Trial:
+    """Return what comes of building the autonomy once; builds=None: in this process.
+
+    A foreign autonomy is not built.
+    """
+    if under_test.foreign is not None:
+        return Trial()
+    return _trial(under_test) if builds is None else builds.trial(under_test)
+
+
+def autonomy_problems(campaign: Document, under_test: UnderTest, trial: Trial) -> list[Problem]:
+    """Return the problems of an autonomy that was tried, or of a foreign one."""
+    if under_test.foreign is not None:
+        return under_test.foreign.problems(campaign, under_test.folder)
+    refusal = trial.refusal
     if refusal is None:
         return []
     is_mapping = isinstance(campaign.get(("autonomy",)), dict)
@@ -71,23 +98,26 @@ def autonomy_problems(
     return [campaign.problem(path, refusal.message, refusal.suggestion)]
 
 
-def _refusal(under_test: UnderTest) -> _Refusal | None:
-    """Return why building this autonomy fails in this process; None if it works."""
+def _trial(under_test: UnderTest) -> Trial:
+    """Return what comes of building this autonomy in this process."""
     try:
         with redirect_stdout(sys.stderr):
-            under_test.build(seed=0)
-    except BadReferenceError as error:
-        if isinstance(error.__cause__, MemoryError):
-            return _memory_refusal(under_test)
-        return _Refusal("use", str(error), error.suggestion)
-    except ValueError as error:
-        return _Refusal("with", f"refused by '{under_test.use}': {error}")
-    except MemoryError:
-        return _memory_refusal(under_test)
+            unread = unread_keys(partial(under_test.build, 0), under_test.parameters)
     except (Exception, SystemExit) as error:  # noqa: BLE001 - the user's code may raise anything
-        message = f"'{under_test.use}' cannot be built: {type(error).__name__}: {error}"
-        return _Refusal("", message)
-    return None
+        return Trial(_refusal_of(under_test, error))
+    return Trial(unread=unread)
+
+
+def _refusal_of(under_test: UnderTest, error: BaseException) -> _Refusal:
+    """Return why an autonomy is refused whose building raised an error."""
+    if isinstance(error, BadReferenceError) and not isinstance(error.__cause__, MemoryError):
+        return _Refusal("use", str(error), error.suggestion)
+    if isinstance(error, BadReferenceError | MemoryError):
+        return _memory_refusal(under_test)
+    if isinstance(error, ValueError):
+        return _Refusal("with", f"refused by '{under_test.use}': {error}")
+    message = f"'{under_test.use}' cannot be built: {type(error).__name__}: {error}"
+    return _Refusal("", message)
 
 
 def _memory_refusal(under_test: UnderTest) -> _Refusal:
@@ -97,27 +127,34 @@ def _memory_refusal(under_test: UnderTest) -> _Refusal:
     return _Refusal("", f"{message}; let it load less, or raise the limit")
 
 
-def _refusal_in_child(under_test: UnderTest) -> _Refusal | None:
-    """Return why building the autonomy fails in a child process, hangs and crashes included."""
-    if threading.active_count() == 1:
+def _trial_in_child(under_test: UnderTest) -> Trial:
+    """Return what comes of building the autonomy in a child process that may hang or crash."""
+    # Both tries together end in the time that the pages name.
+    limit_s = min(LONGEST_BUILD_S, under_test.limits.build_s)
+    fork_s = limit_s / 3 if threading.active_count() == 1 else 0.0
+    if fork_s > 0.0:
         # A fork has our modules imported already. It may wait for ever for a thread that Python
         # does not count, so its silence is no evidence against the autonomy.
         with contextlib.suppress(TimeoutError):
             fork = mp.get_context("fork")
-            return _answer_of_child(fork, under_test, _LONGEST_FORK_S, LONGEST_BUILD_S / 3)
+            return _answer_of_child(fork, under_test, _LONGEST_FORK_S, fork_s)
     try:
         spawn = mp.get_context("spawn")
-        return _answer_of_child(spawn, under_test, _LONGEST_SPAWN_S, LONGEST_BUILD_S)
+        return _answer_of_child(spawn, under_test, _LONGEST_SPAWN_S, limit_s - fork_s)
+    except _BlocksError:
+        message = f"'{under_test.use}' is not imported and built within {limit_s:g} s: it blocks"
+        return Trial(_Refusal("use", message))
     except TimeoutError as error:
-        return _Refusal("use", f"'{under_test.use}' {error}")
+        return Trial(_Refusal("use", f"'{under_test.use}' {error}"))
 
 
 def _answer_of_child(
     context: ForkContext | SpawnContext, under_test: UnderTest, start_s: float, build_s: float
-) -> _Refusal | None:
+) -> Trial:
     """Return a child process's answer about the autonomy.
 
-    Raises TimeoutError when it has not begun within `start_s`, or not answered `build_s` later.
+    Raises TimeoutError when it has not begun within `start_s`, _BlocksError when it has not
+    answered `build_s` later.
     """
     ours, theirs = context.Pipe(duplex=False)
     child = context.Process(target=_report, args=(theirs, under_test), name="autonomy check")
@@ -132,17 +169,20 @@ def _answer_of_child(
             raise TimeoutError(message)
         ours.recv()
         if not _is_answered(ours, child.pid or 0, build_s):
-            raise TimeoutError(f"is not imported and built within {build_s:g} s: it blocks")
-        refusal: _Refusal | None = ours.recv()
+            raise _BlocksError
+        trial: Trial = ours.recv()
+        files: dict[FilePath, str] = ours.recv()
     except EOFError:
         child.join(_GRACE_S)
         ended = f"ends its process (exit status {child.exitcode}) when it is imported or built"
-        return _Refusal("use", f"'{under_test.use}' {ended}")
+        return Trial(_Refusal("use", f"'{under_test.use}' {ended}"))
     finally:
         child.kill()
         child.join()
         ours.close()
-    return refusal
+    if under_test.code_folder is not None:
+        keep_user_files(under_test.code_folder, files)
+    return trial
 
 
 @contextlib.contextmanager
@@ -196,6 +236,8 @@ def _report(connection: Connection, under_test: UnderTest) -> None:
     gc.enable()
     connection.send(None)
     with limited_allocation(under_test.limits.memory_mb):
-        refusal = _refusal(under_test)
-    connection.send(refusal)
+        trial = _trial(under_test)
+    connection.send(trial)
+    folder = under_test.code_folder
+    connection.send({} if folder is None else user_files(folder))
     connection.close()

@@ -3,24 +3,32 @@
 import math
 from collections.abc import Iterator
 
-from campaigns.checks.actor_warnings import estimated_actors, simulated_actors
-from campaigns.checks.limit_warnings import exceeds_room, limit_warnings, room_warnings, rooms
-from campaigns.checks.mixture_warnings import unmixed_objects, wide_registration_limits
-from campaigns.checks.place_checks import judged_world
-from campaigns.schema import Mode, VehicleName
-from campaigns.setup.case_files import CaseFiles
-from campaigns.setup.case_setup import FLIES, Setup
-from safety.evaluation.judge import OracleUse
-from safety.fence.areas import Area, Polygon
-from safety.fence.geofence import Fence
-from safety.oracles import registry
-from safety.oracles.contact import ContactParameters
-from safety.oracles.goal import ReachedPositionParameters, TimeLimitParameters
-from safety.oracles.oracle_terms import Window, Windowed
-from safety.oracles.reached import ReachedParameters
-from worlds.files.documents import Data, Document, Path, Problem
-from worlds.frames import norm, subtract
-from worlds.scene.scene import Scene
+from wil_campaign.campaigns.checks.actor_warnings import estimated_actors, simulated_actors
+from wil_campaign.campaigns.checks.limit_warnings import (
+    exceeds_room,
+    limit_warnings,
+    room_warnings,
+    rooms,
+)
+from wil_campaign.campaigns.checks.mixture_warnings import unmixed_objects, wide_registration_limits
+from wil_campaign.campaigns.checks.place_checks import judged_world
+from wil_campaign.campaigns.schema import Mode, VehicleName
+from wil_campaign.campaigns.setup.case_files import CaseFiles
+from wil_campaign.campaigns.setup.case_setup import FLIES, Setup
+from wil_campaign.campaigns.setup.vehicle_setups import unused_settings
+from wil_campaign.safety.evaluation.judge import OracleUse
+from wil_campaign.safety.fence.areas import Area, Polygon
+from wil_campaign.safety.fence.fence_files import fence_warnings
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.oracles.contact import ContactParameters
+from wil_campaign.safety.oracles.goal import ReachedPositionParameters, TimeLimitParameters
+from wil_campaign.safety.oracles.oracle_terms import Window, Windowed
+from wil_campaign.safety.oracles.reached import ReachedParameters
+from wil_campaign.safety.oracles.registry import oracle_kinds
+from wil_campaign.worlds.files.documents import Data, Document, Path, Problem
+from wil_campaign.worlds.frames import norm, subtract
+from wil_campaign.worlds.scene.motion import StartOn
+from wil_campaign.worlds.scene.scene import Scene
 
 _PART = math.pi / 12.0
 _AS_TYPED = 2e-3
@@ -32,6 +40,10 @@ _LONG_GAP_S = 1.0
 """In a longer gap between positions, a vehicle that brakes at 3 m/s^2 deviates from the straight
 line by more than 0.4 m: a dt^2 / 8."""
 
+_RAISED_M = 0.05
+"""Half the height of the embedded vehicle's body: from here on contact with its own ground is not
+contact with the world's."""
+
 _SHOWN_WITHIN = (ReachedParameters, ReachedPositionParameters, TimeLimitParameters)
 """Oracles that need an event within their window: with an empty window they fail."""
 
@@ -42,6 +54,7 @@ def case_warnings(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> It
     A case with problems of its own may be given as well.
     """
     yield from document_warnings(files)
+    yield from _unread_parameters(files.campaign, setup)
     for mode in modes:
         scene = setup.world.scene(mode, judged_world(mode))
         yield from _wide_fences(files.campaign, setup, mode, scene)
@@ -50,6 +63,9 @@ def case_warnings(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> It
         yield from _empty_worlds(files.campaign, setup, mode, scene)
         yield from _momentary_windows(files.campaign, setup, mode)
         yield from room_warnings(files.campaign, setup, scene)
+        yield from _late_motions(files, setup, scene)
+    yield from _raised_starts(files.campaign, setup, modes)
+    yield from _unused_parameters(files.campaign, setup)
     yield from simulated_actors(files.campaign, setup, modes)
     yield from _long_limits(files.campaign, setup)
     if "wil" in modes:
@@ -57,11 +73,43 @@ def case_warnings(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> It
     yield from limit_warnings(files.campaign, setup)
 
 
+def _raised_starts(campaign: Document, setup: Setup, modes: tuple[Mode, ...]) -> Iterator[Problem]:
+    """Yield a warning for an embedded vehicle that starts above the ground of the world file."""
+    ground_down_m = setup.world.ground_down_m
+    for name in dict.fromkeys(name for mode in modes for name in FLIES[mode]):
+        vehicle = setup.vehicles.get(name)
+        if ground_down_m is None or vehicle is None or not vehicle.embedded:
+            continue
+        raised_m = ground_down_m - vehicle.start.position_ned_m[2]
+        if raised_m > _RAISED_M:
+            message = f"an embedded vehicle has flat ground at its start, {raised_m:g} m above"
+            yield campaign.problem(
+                ("vehicles", name, "start"),
+                f"{message} ground_up_m: '{name}' does not get down to the ground that is judged",
+                key=True,
+            )
+
+
+def _unused_parameters(campaign: Document, setup: Setup) -> Iterator[Problem]:
+    """Yield warnings for parameters on which the embedded vehicles do not act."""
+    for name, vehicle in setup.vehicles.items():
+        if vehicle.embedded:
+            at: Path = ("vehicles", name)
+            yield from unused_settings(campaign, at, vehicle.autopilot, vehicle.params)
+    for actor in setup.actors.values():
+        if actor.embedded:
+            yield from unused_settings(
+                campaign, ("actors", actor.name), actor.autopilot, actor.params
+            )
+
+
 def document_warnings(files: CaseFiles) -> Iterator[Problem]:
-    """Yield warnings of the files of a case that need no setup: angles that look like radians."""
+    """Yield warnings of the files of a case that need no setup: angles in radians, fence files."""
     for document in (files.campaign, files.world, files.recipe):
         if document is not None:
             yield from _radians(document, document.data)
+    for document in files.fences.values():
+        yield from fence_warnings(document)
 
 
 def _unchecked_goals(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
@@ -86,6 +134,7 @@ def _unchecked_goals(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
 
 def caveats_of(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> Iterator[Problem]:
     """Yield the warnings of a case that are also caveats of each of its verdicts."""
+    yield from _unread_parameters(files.campaign, setup)
     yield from _unchecked_goals(files, setup)
     yield from _unperceived_mixture(files, setup, modes)
     if "wil" in modes:
@@ -95,6 +144,13 @@ def caveats_of(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> Itera
         yield from _long_gaps(files.campaign, setup, name)
 
 
+def _unread_parameters(campaign: Document, setup: Setup) -> Iterator[Problem]:
+    """Yield a warning for each key of `with` that the autonomy did not read while it was built."""
+    for key, meant in setup.unread.items():
+        message = f"the autonomy never read `{key}` of its `with`"
+        yield campaign.problem(("autonomy", "with", key), message, meant)
+
+
 def _unperceived_mixture(
     files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]
 ) -> Iterator[Problem]:
@@ -102,7 +158,7 @@ def _unperceived_mixture(
     if "wil" not in modes or setup.recipe is None or files.recipe is None:
         return
     reached = any("real" in one.publish for one in setup.recipe.combinations)
-    if not reached and not setup.outside.injections:
+    if not reached and not any(one.feeds_autopilots for one in setup.observers.values()):
         message = (
             "nothing is published to 'real': the vehicle judged in mode wil perceives no mixture"
         )
@@ -146,8 +202,10 @@ def _looks_like_radians(key: str, value: float) -> bool:
     if key == "fov_deg":
         return 0.0 < value < _NARROW_DEG
     parts = value / _PART
+    if not 0.5 <= abs(parts) <= 24.5:
+        return False
     near = abs(parts - round(parts)) * _PART < _AS_TYPED
-    return near and 1 <= abs(round(parts)) <= 24 and value != round(value)
+    return near and value != round(value)
 
 
 def _wide_fences(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> Iterator[Problem]:
@@ -228,9 +286,36 @@ def _long_limits(campaign: Document, setup: Setup) -> Iterator[Problem]:
             yield campaign.problem(("oracles", use.name, "limit_s"), message)
 
 
+def _late_motions(files: CaseFiles, setup: Setup, scene: Scene) -> Iterator[Problem]:
+    """Yield warnings for motions that begin when the flight is over at the latest."""
+    sync = setup.sync
+    limits = [(sync.goal_timeout_s, "sync.goal_timeout_s")]
+    for use in setup.oracles:
+        given = use.parameters
+        if not isinstance(given, TimeLimitParameters) or not given.required:
+            continue
+        if _window_of(use) == Window("goal", "done"):
+            limits.append((given.limit_s, f"oracles.{use.name}.limit_s"))
+    goal_s, key = min(limits)
+    longest: dict[str, tuple[float, str]] = {
+        "goal": (goal_s, key),
+        "done": (sync.landing_timeout_s, "sync.landing_timeout_s"),
+    }
+    before_goal = (sync.takeoff_timeout_s + goal_s, f"sync.takeoff_timeout_s with {key}")
+    for one in scene.objects:
+        start = None if one.motion is None else one.motion.start
+        if files.world is None or not isinstance(start, StartOn):
+            continue
+        longest_s, key = longest.get(start.event, before_goal)
+        if start.delay_s >= longest_s:
+            message = f"'{one.name}' begins to move {start.delay_s:g} s after '{start.event}'"
+            reason = f"{key} ends the flight after {longest_s:g} s: it never moves"
+            yield files.world.problem(("objects", one.name, "motion"), f"{message}; {reason}")
+
+
 def _window_of(use: OracleUse) -> Window | None:
     """Return the window in which an oracle judges; None where its parameters are no window."""
-    usual = registry[use.kind].window
+    usual = oracle_kinds()[use.kind].window
     try:
         return use.parameters.window(usual) if isinstance(use.parameters, Windowed) else usual
     except ValueError:

@@ -1,22 +1,21 @@
 """Checks across the files of a case: campaign, world and recipe; pure."""
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Sized
 from typing import Self
 
-from campaigns.checks.actor_checks import actor_problems
-from campaigns.checks.external_checks import external_problems
-from campaigns.checks.mixing_checks import mixing_problems
-from campaigns.checks.place_checks import judged_world, place_problems
-from campaigns.checks.vehicle_checks import vehicle_problems
-from campaigns.schema import Mode
-from campaigns.setup.case_files import CaseFiles
-from campaigns.setup.case_setup import FLIES, Setup
-from safety.evaluation.judge import OracleUse, build_oracles
-from safety.oracles import Oracle, OracleContext, OracleError
-from safety.oracles.stl import StlParameters
-from worlds.files.documents import Document, Path, Problem, closest
-from worlds.world_file.world import World
+from wil_campaign.campaigns.checks.actor_checks import actor_problems
+from wil_campaign.campaigns.checks.external_checks import external_problems
+from wil_campaign.campaigns.checks.mixing_checks import mixing_problems
+from wil_campaign.campaigns.checks.place_checks import judged_world, place_problems
+from wil_campaign.campaigns.checks.vehicle_checks import vehicle_problems
+from wil_campaign.campaigns.schema import Mode
+from wil_campaign.campaigns.setup.case_files import CaseFiles
+from wil_campaign.campaigns.setup.case_setup import FLIES, Setup
+from wil_campaign.safety.evaluation.judge import OracleUse, build_oracles
+from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError
+from wil_campaign.safety.oracles.registry import oracle_kinds
+from wil_campaign.worlds.files.documents import Document, Path, Problem, closest
+from wil_campaign.worlds.world_file.world import World
 
 Check = Callable[[CaseFiles, Setup, Mode], Iterator[Problem]]
 
@@ -99,11 +98,12 @@ def _oracles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
 
 
 def _formulas(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Check a case's formulas without its world: every object that one names counts as present."""
-    formulas = [use for use in setup.oracles if isinstance(use.parameters, StlParameters)]
-    for use in formulas:
-        named = re.findall(r"\bdistance_(\w+)_m\b", getattr(use.parameters, "stl", ""))
-        contexts = _contexts(setup, mode, ("any thing", *named), ())
+    """Check oracles without a world where they can be: an object that one names is there."""
+    for use in setup.oracles:
+        named = oracle_kinds()[use.kind].without_world
+        if named is None:
+            continue
+        contexts = _contexts(setup, mode, named(use.parameters), ())
         try:
             build_oracles([use], contexts)
         except OracleError as error:
@@ -208,6 +208,10 @@ class _NothingNear:
 
     def reaching(self, _: float) -> Self:
         """Return this probe: nothing is near, however far it looks."""
+        return self
+
+    def above(self, _: float) -> Self:
+        """Return this probe: the ground is not near either."""
         return self
 
     def sweep(self, *_: object, **__: object) -> tuple[()]:

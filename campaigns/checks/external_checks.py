@@ -1,33 +1,19 @@
-"""Checks of external I/O: sensor sources, deliveries of images, injections; pure."""
+"""Checks of external I/O: sensor sources, and what observes runs; pure."""
 
 from collections.abc import Iterator
 
-from campaigns.checks.place_checks import judged_world
-from campaigns.schema import Mode, VehicleName
-from campaigns.setup.case_files import CaseFiles
-from campaigns.setup.case_setup import FLIES, Setup, VehicleSetup
-from campaigns.values.external_setups import ImageOutlet, InjectionSetup
-from vehicles.autopilots.injection_support.injection_support import unsupported_injection
-from worlds.files.documents import Path, Problem, closest
-
-_SENSOR_OF = {"obstacle_distance": "lidar", "distance_sensor": "rangefinder"}
-"""The type of sensor from which an injected message is made."""
-_POSES = frozenset({"vision_position_estimate", "odometry"})
+from wil_campaign.campaigns.schema import Mode
+from wil_campaign.campaigns.setup.case_files import CaseFiles
+from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.worlds.files.documents import Problem
 
 
 def external_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
-    """Yield the problems of one mode's external sources, deliveries and injections."""
+    """Yield the problems of one mode's external sources and observers."""
     yield from _sources_without_requests(files, setup, mode)
     yield from _sources_without_link(files, setup, mode)
-    seen: dict[str, int] = {}
-    for index, outlet in enumerate(setup.outside.outlets):
-        yield from _outlet(files, setup, mode, index, outlet)
-        first = seen.setdefault(outlet.name, index)
-        if first != index:
-            message = f"{outlet.name} is already used by delivery {first + 1}"
-            yield files.campaign.problem(("deliver", index), message)
-    for injection in setup.outside.injections:
-        yield from _injection(files, setup, mode, injection)
+    for observer in setup.observers.values():
+        yield from observer.problems(files, setup, mode)
 
 
 def _sources_without_requests(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
@@ -71,70 +57,3 @@ def _sources_without_link(files: CaseFiles, setup: Setup, mode: Mode) -> Iterato
             path = ("vehicles", "twin", "sensors", sensor.name, "source")
             message = "a placed twin does not fly and sends no MAVLink messages; remove `source`"
             yield files.campaign.problem(path, message)
-
-
-def _outlet(
-    files: CaseFiles, setup: Setup, mode: Mode, index: int, outlet: ImageOutlet
-) -> Iterator[Problem]:
-    """Yield the problems of an external image outlet (`deliver`) in a mode."""
-    path: Path = ("deliver", index)
-    wanted = _vehicle_of(outlet, mode)
-    if wanted not in FLIES[mode]:
-        return  # this vehicle is not part of this mode
-    cameras = [camera.name for camera in setup.vehicles[wanted].cameras]
-    if outlet.sensor not in cameras:
-        message = f"vehicle '{wanted}' has no camera '{outlet.sensor}'"
-        yield files.campaign.problem((*path, "sensor"), message, closest(outlet.sensor, cameras))
-
-
-def _vehicle_of(outlet: ImageOutlet, mode: Mode) -> VehicleName:
-    """Return which vehicle's images an external image outlet delivers in a mode."""
-    if outlet.of == "perceived":
-        return outlet.vehicle or FLIES[mode][0]
-    return outlet.of
-
-
-def _injection(
-    files: CaseFiles, setup: Setup, mode: Mode, injection: InjectionSetup
-) -> Iterator[Problem]:
-    """Yield the problems of an injection into the autopilots in a mode."""
-    path: Path = ("inject", injection.thing)
-    for name in FLIES[mode]:
-        if name not in injection.to:
-            continue
-        vehicle = setup.vehicles[name]
-        yield from _missing_sensors(files, path, vehicle, injection)
-        for reason in unsupported_injection(vehicle.autopilot, injection.thing):
-            message = f"'{name}' ({vehicle.autopilot}) would ignore it: {reason}"
-            yield files.campaign.problem(path, message, key=True)
-    scene = setup.world.scene(mode, judged_world(mode))
-    for index, thing in enumerate(injection.objects):
-        at: Path = (*path, "objects", index) if injection.thing != "landing_target" else path
-        if thing not in setup.world.objects:
-            meant = closest(thing, setup.world.objects)
-            yield files.campaign.problem(at, f"no object '{thing}' in the world", meant)
-        elif thing not in scene:
-            message = f"'{thing}' is not in {judged_world(mode)} in mode {mode}"
-            yield files.campaign.problem(at, message)
-
-
-def _missing_sensors(
-    files: CaseFiles, path: Path, vehicle: VehicleSetup, injection: InjectionSetup
-) -> Iterator[Problem]:
-    """Yield an injection's sensor, or source of poses, that the vehicle lacks."""
-    kind = _SENSOR_OF.get(injection.thing)
-    if kind is not None:
-        fitting = [sensor.name for sensor in vehicle.sensors if sensor.kind == kind]
-        if injection.sensor not in fitting:
-            message = f"vehicle '{vehicle.name}' has no {kind} '{injection.sensor}'"
-            meant = closest(injection.sensor or "", fitting)
-            yield files.campaign.problem((*path, "sensor"), message, meant)
-    if injection.thing in _POSES and injection.sensor is not None:
-        fitting = [sensor.name for sensor in vehicle.sensors if sensor.kind == "pose"]
-        if injection.sensor not in fitting:
-            message = f"vehicle '{vehicle.name}' has no pose '{injection.sensor}'"
-            meant = closest(injection.sensor, fitting)
-            yield files.campaign.problem((*path, "sensor"), message, meant)
-    elif injection.thing in _POSES and vehicle.pose_source != "mocap":
-        message = f"'{vehicle.name}' has no motion capture: it needs pose_source: mocap"
-        yield files.campaign.problem(path, message, key=True)

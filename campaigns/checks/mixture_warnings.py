@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator
 
-from campaigns.setup.case_files import CaseFiles
-from campaigns.setup.case_setup import Setup
-from campaigns.setup.named_objects import named_objects
-from campaigns.values.sensor_setups import CameraSetup, DepthSetup
-from recipes.model.recipe import Combination
-from recipes.visibility.model import SHOWING_KINDS
-from worlds.files.documents import Document, Problem
-from worlds.scene.scene import virtual_only
+from wil_campaign.campaigns.setup.case_files import CaseFiles
+from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.named_objects import named_objects
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
+from wil_campaign.recipes.model.recipe import Combination
+from wil_campaign.recipes.visibility.model import SHOWING_KINDS
+from wil_campaign.worlds.files.documents import Document, Problem
+from wil_campaign.worlds.scene.scene import virtual_only
 
 _WIDE_SHARE = 0.05
 """Of the image's width: the default limit of an object that takes half of it. With a larger limit

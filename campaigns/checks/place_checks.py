@@ -4,14 +4,15 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Literal
 
-from campaigns.schema import Mode, VehicleName
-from campaigns.setup.case_files import CaseFiles
-from campaigns.setup.case_setup import Setup, VehicleSetup
-from vehicles.embedded.physics.airframe import Airframe
-from worlds.clearance.clearance import ClearanceProbe
-from worlds.files.documents import Path, Problem
-from worlds.frames import Vec3
-from worlds.scene.scene import Scene, SceneObject
+from wil_campaign.campaigns.schema import Mode, VehicleName
+from wil_campaign.campaigns.setup.case_files import CaseFiles
+from wil_campaign.campaigns.setup.case_setup import Setup, VehicleSetup
+from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.worlds.clearance.clearance import ClearanceProbe
+from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.files.documents import Path, Problem
+from wil_campaign.worlds.frames import Vec3
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
 
 Which = Literal["W", "Wv"]
 
@@ -53,6 +54,7 @@ def place_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Probl
             yield from _start_outside_room(files, vehicle, scene)
             yield from _start_in_object(files, vehicle, scene)
             yield from _goal_above_room(files, setup, vehicle, scene)
+        yield from _start_below_ground(files, setup, vehicle)
         if not outside:
             yield from _goal_outside_fence(files, setup, vehicle)
         yield from _no_takeoff(files, setup, vehicle)
@@ -116,7 +118,8 @@ def _deviation(setup: Setup, vehicle: VehicleSetup, place: Vec3) -> str:
     if margin_m < 0.0:
         return f"{-margin_m:.2f} m outside of the geofence's {side}"
     if margin_m < keep_m:
-        return f"{margin_m:.2f} m from the geofence's {side}, nearer than keep_m {keep_m:g}"
+        near_m = distinct_text(margin_m, keep_m)
+        return f"{near_m} m from the geofence's {side}, nearer than keep_m {keep_m:g}"
     return ""
 
 
@@ -127,6 +130,15 @@ def _start_outside_room(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -
     if rooms and not any(_room_height_m(room, start) is not None for room in rooms):
         names = " and ".join(f"'{room.name}'" for room in rooms)
         message = f"'{vehicle.name}' starts outside room {names}"
+        yield files.campaign.problem(("vehicles", vehicle.name, "start"), message, key=True)
+
+
+def _start_below_ground(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterator[Problem]:
+    """Yield a problem when the start place lies below the ground that the world file states."""
+    ground_down_m, down_m = setup.world.ground_down_m, vehicle.start.position_ned_m[2]
+    if ground_down_m is not None and down_m > ground_down_m + _ON_FLOOR_M:
+        depth_m = down_m - ground_down_m
+        message = f"'{vehicle.name}' starts {depth_m:g} m below the world's ground (ground_up_m)"
         yield files.campaign.problem(("vehicles", vehicle.name, "start"), message, key=True)
 
 

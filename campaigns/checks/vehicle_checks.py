@@ -2,13 +2,14 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from campaigns.schema import Mode
-from campaigns.setup.case_files import CaseFiles
-from campaigns.setup.case_setup import FLIES, Setup, VehicleSetup
-from campaigns.setup.vehicle_setups import FlownSetup
-from vehicles.launch.px4 import Px4Launch
-from vehicles.mavsdk.ids import OWN_SYSTEM
-from worlds.files.documents import Problem
+from wil_campaign.campaigns.schema import Mode
+from wil_campaign.campaigns.setup.case_files import CaseFiles
+from wil_campaign.campaigns.setup.case_setup import FLIES, Setup, VehicleSetup
+from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
+from wil_campaign.hooks import drivers
+from wil_campaign.installed_plugins import added
+from wil_campaign.vehicles.launch.px4 import Px4Launch
+from wil_campaign.worlds.files.documents import Problem
 
 _NEEDS_FLIGHT = frozenset({"imu", "microphone", "pose"})
 """Types of sensors that measure a vehicle's own motion, not its surroundings."""
@@ -23,10 +24,11 @@ def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Pro
         yield from _shared_links(files, actor, flown[: len(flown) - len(actors) + index])
     for vehicle in setup.vehicles.values():
         yield from _spare_problems(files, vehicle)
-        if vehicle.driver == "mavsdk" and vehicle.system_id == OWN_SYSTEM:
+        driver = added(drivers).get(vehicle.driver)
+        if driver is not None and vehicle.system_id == driver.system_id:
             message = (
-                f"the driver mavsdk uses system id {OWN_SYSTEM} itself; give the vehicle "
-                "another one"
+                f"the driver {driver.name} uses system id {driver.system_id} itself; give the "
+                "vehicle another one"
             )
             yield files.campaign.problem(("vehicles", vehicle.name, "system_id"), message)
     if mode == "wil":
@@ -70,9 +72,10 @@ def _pair_problems(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
     if twin.coupling == "placed":
         yield from _placed_problems(files, twin)
         return
-    if twin.coupling == "shadow" and setup.under_test.program is not None:
+    foreign = setup.under_test.foreign
+    if twin.coupling == "shadow" and foreign is not None and setup.under_test.has_runner:
         message = (
-            "shadow needs an autonomy of `use`: the setpoints of a program are in the real "
+            f"shadow needs an autonomy of `use`: the setpoints of a {foreign.kind} are in the real "
             "vehicle's own frame; write follow or free"
         )
         yield files.campaign.problem(("vehicles", "twin", "coupling"), message)

@@ -6,35 +6,44 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from campaigns.checks.autonomy_checks import IsolatedBuilds, autonomy_problems
-from campaigns.checks.case_warnings import case_warnings, document_warnings
-from campaigns.checks.cross_checks import cross_problems, worldless_problems
-from campaigns.schema import (
+from wil_campaign.campaigns.checks.autonomy_checks import (
+    IsolatedBuilds,
+    Trial,
+    autonomy_problems,
+    try_autonomy,
+)
+from wil_campaign.campaigns.checks.case_warnings import case_warnings, document_warnings
+from wil_campaign.campaigns.checks.cross_checks import cross_problems, worldless_problems
+from wil_campaign.campaigns.schema import (
     CampaignPart,
     GoalPart,
     Mode,
     VehicleName,
+    campaign_model,
 )
-from campaigns.schema.links import LinkPart, LinksPart
-from campaigns.schema.operator import GcsPart
-from campaigns.setup.actor_setups import actor_fences, actor_setups
-from campaigns.setup.autonomy_under_test import UnderTest
-from campaigns.setup.case_files import CaseFiles
-from campaigns.setup.case_setup import GoalSetup, GuardingSetup, Setup, SyncSetup
-from campaigns.setup.external_reader import external_setup
-from campaigns.setup.fault_setups import fault_setups
-from campaigns.setup.link_setups import LinkSetup, link_setup
-from campaigns.setup.oracle_uses import oracle_uses
-from campaigns.setup.vehicle_fences import Drawing, fences_of
-from campaigns.setup.vehicle_setups import vehicle_setups
-from recipes.language.recipe_document import load_recipe
-from safety.evaluation.judge import OracleUse
-from safety.fence.geofence import Fence
-from safety.oracles.goal import TimeLimitParameters
-from vehicles.coupling import LIMITS_M
-from worlds.files.documents import BadInput, Document, Problem, check
-from worlds.geodesy import LocalFrame
-from worlds.world_file.world import World
+from wil_campaign.campaigns.schema.autonomy import AutonomyPart
+from wil_campaign.campaigns.schema.links import LinkPart, LinksPart
+from wil_campaign.campaigns.schema.operator import GcsPart
+from wil_campaign.campaigns.setup.actor_setups import actor_fences, actor_setups
+from wil_campaign.campaigns.setup.autonomy_under_test import ForeignAutonomy, UnderTest
+from wil_campaign.campaigns.setup.case_files import CaseFiles
+from wil_campaign.campaigns.setup.case_setup import GoalSetup, GuardingSetup, Setup, SyncSetup
+from wil_campaign.campaigns.setup.fault_setups import fault_setups
+from wil_campaign.campaigns.setup.link_setups import LinkSetup, link_setup
+from wil_campaign.campaigns.setup.observer_setups import observer_setups
+from wil_campaign.campaigns.setup.oracle_uses import oracle_uses
+from wil_campaign.campaigns.setup.vehicle_fences import Drawing, fences_of
+from wil_campaign.campaigns.setup.vehicle_setups import vehicle_setups
+from wil_campaign.hooks import autonomy_kinds
+from wil_campaign.installed_plugins import added, load
+from wil_campaign.recipes.language.recipe_document import load_recipe
+from wil_campaign.safety.evaluation.judge import OracleUse
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.oracles.goal import TimeLimitParameters
+from wil_campaign.vehicles.coupling import LIMITS_M
+from wil_campaign.worlds.files.documents import BadInput, Document, Problem, check
+from wil_campaign.worlds.geodesy import LocalFrame
+from wil_campaign.worlds.world_file.world import World
 
 T = TypeVar("T")
 
@@ -59,17 +68,19 @@ def read_setup(
     loads_code: whether the autonomy and the user's own steps are loaded to check them.
     """
     problems: list[Problem] = []
-    part = collect_problems(problems, partial(check, files.campaign, CampaignPart))
+    part = collect_problems(problems, partial(check, files.campaign, campaign_model()))
     uses, oracle_problems = oracle_uses(files.campaign)
     problems += oracle_problems
     world = _read_case(World.parse, files.world, problems)
     recipe = _read_case(partial(load_recipe, loads_code=loads_code), files.recipe, problems)
+    trial = Trial()
     if part is not None and loads_code:
         # Reported also where the world is missing.
-        problems += autonomy_problems(files.campaign, _under_test(files, part), builds)
+        under_test = _under_test(files, part)
+        trial = try_autonomy(under_test, builds)
+        problems += autonomy_problems(files.campaign, under_test, trial)
     if part is None:
         raise BadInput(problems, document_warnings(files))
-    mqtt = part.operator.mqtt
     vehicles = vehicle_setups(files.campaign, part.vehicles, problems)
     ids: dict[str, int] = {name: one.system_id for name, one in vehicles.items()}
     fences = _fences(files, part, world, problems)
@@ -81,6 +92,7 @@ def read_setup(
         world=world or _NOWHERE,
         recipe=recipe,
         under_test=_under_test(files, part),
+        unread=trial.unread,
         goal=_goal(part.goal),
         sync=_sync(part, uses),
         fences=fences
@@ -92,12 +104,17 @@ def read_setup(
         faults=fault_setups(files.campaign, part.faults, vehicles, problems),
         preflight=part.preflight,
         record=part.record,
-        outside=external_setup(files.campaign, part, problems),
+        observers=observer_setups(files.campaign, part, problems),
         limits=None if part.limits is None else part.limits.limits(),
         gcs=_gcs(part.operator.gcs),
         speed=None if part.clock is None else part.clock.speed,
         collision_always=part.collision_always == "on",
-        unsigned_commands=mqtt is not None and mqtt.commands == "unsigned",
+        firmware=part.wanted_firmware,
+        permits={
+            f"operator.{name}.{by}": text
+            for name, channel in part.operator.channels.items()
+            for by, text in channel.permits.items()
+        },
     )
     if part.geofence is None or fences:
         # With a faulty fence left out, every check would report that the fence is missing.
@@ -204,9 +221,17 @@ def _under_test(files: CaseFiles, part: CampaignPart) -> UnderTest:
         rate_hz=part.autonomy.rate_hz,
         parameters=dict(part.autonomy.with_),
         goal=goal,
-        program=None if part.autonomy.program is None else tuple(part.autonomy.program),
+        foreign=_foreign_autonomy(part.autonomy),
         limits=part.autonomy.limits.limits(),
     )
+
+
+def _foreign_autonomy(part: AutonomyPart) -> ForeignAutonomy | None:
+    """Return a case's autonomy of a plugin's kind; None for a class."""
+    for name in part.foreign:
+        found: ForeignAutonomy = load(added(autonomy_kinds)[name].setup)(getattr(part, name))
+        return found
+    return None
 
 
 def unique(problems: list[Problem]) -> tuple[Problem, ...]:

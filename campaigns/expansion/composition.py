@@ -10,23 +10,18 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from campaigns.expansion.case_reader import unique
-from campaigns.schema.composition import CompositionPart
-from worlds.files.documents import BadInput, Document, Problem, check, closest, load
-from worlds.files.paths import is_file, is_folder
+from wil_campaign.campaigns.expansion.case_reader import unique
+from wil_campaign.campaigns.expansion.omissions import set_texts
+from wil_campaign.campaigns.schema.composition import CompositionPart
+from wil_campaign.hooks import operator_channels
+from wil_campaign.installed_plugins import added
+from wil_campaign.worlds.files.documents import BadInput, Document, Problem, check, closest, load
+from wil_campaign.worlds.files.paths import is_file, is_folder
 
 if TYPE_CHECKING:
-    from campaigns.expansion.expansion import Campaign, Options, RunPlan
+    from wil_campaign.campaigns.expansion.expansion import Campaign, Options, RunPlan
 
     Load = Callable[[Path, Options], Campaign]
-
-
-_ONCE = {
-    "between_runs": "between",
-    "operator.mqtt": "mqtt",
-    "the sequential test of repetitions": "test",
-}
-"""What a campaign has once for all runs: by its name for users, the attribute."""
 
 
 def is_composition(document: Document) -> bool:
@@ -142,11 +137,18 @@ def _require_same(document: Document, parts: Mapping[str, "Campaign"]) -> None:
             f"it the same in both files, or run '{name}' alone",
         )
         for name, campaign in parts.items()
-        for key, attribute in _ONCE.items()
-        if getattr(campaign, attribute) != getattr(parts[first], attribute)
+        for key, value in _once(campaign).items()
+        if value != _once(parts[first])[key]
     ]
     if problems:
         raise BadInput(problems)
+
+
+def _once(campaign: "Campaign") -> Mapping[str, object]:
+    """Return what a campaign has once for all runs, by its name for users."""
+    channels = {f"operator.{key}": campaign.operators.get(key) for key in added(operator_channels)}
+    test = {"the sequential test of repetitions": campaign.test}
+    return {"between_runs": campaign.between} | channels | test
 
 
 def _choose(
@@ -216,8 +218,9 @@ def _merge(
         left_out=tuple(left),
         controls=tuple(controls) if part.fly_controls else (),
         warnings=unique([warning for one in parts.values() for warning in one.warnings]),
-        caveats=tuple(
-            dict.fromkeys(f"{name}: {caveat}" for name, one in each for caveat in one.caveats)
+        caveats=(
+            *dict.fromkeys(f"{name}: {caveat}" for name, one in each for caveat in one.caveats),
+            *set_texts(options.sets, None),
         ),
         options=options,
         benches=tuple({one.name: one for part in parts.values() for one in part.benches}.values()),

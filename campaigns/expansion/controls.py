@@ -4,16 +4,16 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 
-from campaigns.expansion.case_reader import collect_problems
-from campaigns.schema import CampaignPart, Mode
-from campaigns.schema.controls import ControlPart
-from campaigns.schema.vehicles import VEHICLES
-from campaigns.setup.case_files import CaseFiles, case_files
-from campaigns.setup.case_setup import Setup
-from campaigns.setup.overrides import Override, overrides_at, overrides_of_case
-from campaigns.values.expectation import Expectation
-from safety.evaluation.judge import ALWAYS_JUDGED
-from worlds.files.documents import Document, Problem, closest
+from wil_campaign.campaigns.expansion.case_reader import collect_problems
+from wil_campaign.campaigns.schema import CampaignPart, Mode
+from wil_campaign.campaigns.schema.controls import ControlPart
+from wil_campaign.campaigns.schema.vehicles import VEHICLES
+from wil_campaign.campaigns.setup.case_files import CaseFiles, case_files
+from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.overrides import Override, overrides_at, overrides_of_case
+from wil_campaign.campaigns.values.expectation import Expectation
+from wil_campaign.safety.evaluation.judge import ALWAYS_JUDGED
+from wil_campaign.worlds.files.documents import Document, Problem, closest
 
 _IN_ANY_REASON = frozenset(
     {"all", "and", "are", "for", "from", "has", "its", "more", "not", "than", "that", "the"}

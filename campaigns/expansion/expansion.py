@@ -1,40 +1,48 @@
 """Expand a campaign file into runs: cases x modes x repetitions, each with its seed and files."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 
-from campaigns.checks.autonomy_checks import IsolatedBuilds
-from campaigns.checks.case_warnings import case_warnings, caveats_of
-from campaigns.expansion.case_reader import collect_problems, read_setup, unique
-from campaigns.expansion.composition import compose, is_composition
-from campaigns.expansion.controls import (
+from wil_campaign.campaigns.checks.autonomy_checks import IsolatedBuilds
+from wil_campaign.campaigns.checks.case_warnings import case_warnings, caveats_of
+from wil_campaign.campaigns.checks.import_warnings import import_warnings
+from wil_campaign.campaigns.expansion.case_reader import collect_problems, read_setup, unique
+from wil_campaign.campaigns.expansion.composition import compose, is_composition
+from wil_campaign.campaigns.expansion.controls import (
     control_problems,
     control_warnings,
     expectation,
     files_of_controls,
     modes_of,
 )
-from campaigns.expansion.omissions import as_required, left_out
-from campaigns.expansion.requirements import required_shares, unknown_published
-from campaigns.schema import DEFAULT_CASE, CampaignPart, Mode
-from campaigns.schema.bench import BenchRequestPart
-from campaigns.schema.between_runs import BetweenRunsPart
-from campaigns.schema.composition import CompositionPart
-from campaigns.setup.bench_file import Bench
-from campaigns.setup.bench_resolution import bench_request, choose_bench, completion_of
-from campaigns.setup.case_files import CaseFiles, case_files
-from campaigns.setup.case_setup import Setup
-from campaigns.setup.operator_setup import MqttSetup, mqtt_setup
-from campaigns.setup.overrides import Override, override_from_option, overrides_of_case
-from campaigns.statistics.sequential_test import SequentialTest
-from campaigns.values.acceptance import Requirement, Share
-from campaigns.values.expectation import Expectation
-from campaigns.values.seeds import run_seed
-from worlds.files.documents import BadInput, Document, Problem, check, closest, load, parse_value
-from worlds.files.paths import is_file
+from wil_campaign.campaigns.expansion.omissions import as_required, left_out, set_texts
+from wil_campaign.campaigns.expansion.requirements import required_shares, unknown_published
+from wil_campaign.campaigns.schema import DEFAULT_CASE, CampaignPart, Mode, campaign_model
+from wil_campaign.campaigns.schema.bench import BenchRequestPart
+from wil_campaign.campaigns.schema.between_runs import BetweenRunsPart
+from wil_campaign.campaigns.schema.composition import CompositionPart
+from wil_campaign.campaigns.setup.bench_file import Bench
+from wil_campaign.campaigns.setup.bench_resolution import bench_request, choose_bench, completion_of
+from wil_campaign.campaigns.setup.case_files import CaseFiles, case_files
+from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.overrides import Override, override_from_option, overrides_of_case
+from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
+from wil_campaign.campaigns.values.acceptance import Requirement, Share
+from wil_campaign.campaigns.values.expectation import Expectation
+from wil_campaign.campaigns.values.seeds import run_seed
+from wil_campaign.worlds.files.documents import (
+    BadInput,
+    Document,
+    Problem,
+    check,
+    closest,
+    load,
+    parse_value,
+)
+from wil_campaign.worlds.files.paths import is_file
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,10 +104,11 @@ class Campaign:
     read from. modes, cases: those selected. repetitions: at most; test: that may end them sooner,
     None for a fixed number. setups: of these cases and of the controls. requirements: of the
     selected cases and modes. left_out: what the file requires and the options leave out, in words.
-    mqtt: the operators' broker, if any. between: how an attached vehicle returns to its start, if
-    given. controls: the runs that must not pass. warnings: what is valid in its files and probably
-    not meant. caveats: those of them that qualify a verdict, in words. options: of the command
-    line. benches: on which it is flown, one for each composed campaign that asks for one.
+    operators: the setups of the channels of operators by their keys. between: how an attached
+    vehicle returns to its start, if given. controls: the runs that must not pass. warnings: what is
+    valid in its files and probably not meant. caveats: those of them that qualify a verdict, in
+    words. options: of the command line. benches: on which it is flown, one for each composed
+    campaign that asks for one.
     """
 
     name: str
@@ -114,7 +123,7 @@ class Campaign:
     runs: tuple[RunPlan, ...]
     requirements: tuple[Requirement, ...]
     left_out: tuple[str, ...] = ()
-    mqtt: MqttSetup | None = None
+    operators: Mapping[str, object] = field(default_factory=dict)
     test: SequentialTest | None = None
     between: BetweenRunsPart | None = None
     controls: tuple[RunPlan, ...] = ()
@@ -159,7 +168,7 @@ class _Selected:
     names: tuple[str, ...]
     modes: tuple[Mode, ...]
     shares: Mapping[tuple[str, str], Share]
-    mqtt: MqttSetup | None
+    operators: Mapping[str, object]
     cases: tuple[str, ...]
     runs: tuple[tuple[str, Mode], ...]
     controls: tuple[RunPlan, ...]
@@ -180,6 +189,8 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         for one in caveats_of(files[name], setups[name], tuple(part.modes))
     ]
     injected = [f"fault injected: {one}" for name in selected.cases for one in setups[name].faults]
+    # A composition's own options hold for all of its parts: it names them once.
+    given = [] if options.composition else set_texts(options.sets, original)
     warnings = list(_warnings(part, {name: files[name] for name in selected.names}, setups))
     warnings += control_warnings(read.document, part)
     required = as_required(original, read.document, part, options.composition)
@@ -201,12 +212,12 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
             if (case, mode) in selected.shares
         ),
         left_out=left_out(required, part, flown, selected.shares),
-        mqtt=selected.mqtt,
+        operators=selected.operators,
         test=part.sequential_test,
         between=part.between_runs,
         controls=selected.controls,
         warnings=unique([*caveats, *warnings]),
-        caveats=tuple(dict.fromkeys([one.message for one in caveats] + injected)),
+        caveats=tuple(dict.fromkeys([one.message for one in caveats] + injected + given)),
         options=options,
         benches=() if bench is None else (bench,),
     )
@@ -221,7 +232,7 @@ def _read(original: Document, options: Options) -> _Read:
     document = complete(plain)
     problems: list[Problem] = []
     warnings: list[Problem] = []
-    part = collect_problems(problems, partial(check, document, CampaignPart))
+    part = collect_problems(problems, partial(check, document, campaign_model()))
     files = _files_of_cases(plain, overrides, problems, complete)
     of_controls = files_of_controls(plain, part, overrides, problems, complete)
     read = partial(
@@ -254,7 +265,10 @@ def _select(read: _Read, options: Options) -> _Selected:
     mode_names = _select_cases("--mode", options.modes, tuple(part.modes), problems)
     shares = required_shares(read.original, read.document, part, problems)
     problems += unknown_published(read.document, part)
-    mqtt = mqtt_setup(read.document, part.operator, problems)
+    operators = {
+        name: channel.setup(read.document, part.operator, problems)
+        for name, channel in part.operator.channels.items()
+    }
     if problems:
         raise BadInput(unique(problems))
     cases = tuple(name for name in names if name in part.cases)
@@ -263,7 +277,7 @@ def _select(read: _Read, options: Options) -> _Selected:
         names=names,
         modes=modes,
         shares=shares,
-        mqtt=mqtt,
+        operators=operators,
         cases=cases,
         runs=tuple((case, mode) for case in cases for mode in modes),
         controls=tuple(
@@ -303,6 +317,7 @@ def _warnings(
         control = part.controls.get(name)
         modes = tuple(part.modes) if control is None else modes_of(part, control)
         yield from case_warnings(one, setups[name], modes)
+        yield from import_warnings(one, setups[name])
 
 
 def _option_overrides(options: Options) -> tuple[Override, ...]:

@@ -1,15 +1,17 @@
 """Requirements of a campaign that the command line leaves out, so that a PASS cannot hide them."""
 
-from collections.abc import Collection, Iterator, Mapping
+import json
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import partial
 
-from campaigns.expansion.case_reader import collect_problems
-from campaigns.expansion.controls import modes_of
-from campaigns.schema import CampaignPart
-from campaigns.schema.composition import CompositionPart
-from campaigns.values.acceptance import DECIDED, Share, parse_share
-from worlds.files.documents import Document, check
-from worlds.files.yaml_nodes import mapping_node
+from wil_campaign.campaigns.expansion.case_reader import collect_problems
+from wil_campaign.campaigns.expansion.controls import modes_of
+from wil_campaign.campaigns.schema import CampaignPart, campaign_model
+from wil_campaign.campaigns.schema.composition import CompositionPart
+from wil_campaign.campaigns.setup.overrides import override_from_option
+from wil_campaign.campaigns.values.acceptance import DECIDED, Share, parse_share
+from wil_campaign.worlds.files.documents import Document, check
+from wil_campaign.worlds.files.yaml_nodes import mapping_node
 
 _REQUIRING = ("modes", "cases", "controls", "repetitions", "oracles", "accept")
 """Keys of a campaign file that say what it requires."""
@@ -43,6 +45,24 @@ def left_out(
     return tuple(left)
 
 
+def set_texts(sets: Iterable[str], original: Document | None) -> list[str]:
+    """Return the caveats of --set options, with what the file says in its own keys.
+
+    A limit may be among them: a PASS by it is no PASS of the file. original: the file as it is
+    written; None where the options hold for several.
+    """
+    found = []
+    for text in sets:
+        override, value = override_from_option("--set", text), None
+        if original is not None and override.file == "campaign":
+            value = original.get(tuple(override.dotted_key.split(".")))
+        stated = (
+            "" if value is None else f" (the file says {json.dumps(value, ensure_ascii=False)})"
+        )
+        found.append(f"set by the command line: {text}{stated}")
+    return found
+
+
 def as_required(
     original: Document,
     document: Document,
@@ -57,7 +77,7 @@ def as_required(
     for key in _REQUIRING:
         if original.get((key,)) != document.get((key,)):
             written = _with_key_of(original, document, key)
-            found = collect_problems([], partial(check, written, CampaignPart))
+            found = collect_problems([], partial(check, written, campaign_model()))
             if found is not None:
                 part = part.model_copy(update={key: getattr(found, key)})
     return part if composition is None else _with_composition(part, composition)
@@ -108,10 +128,10 @@ def _runs(
 def _required_shares(part: CampaignPart) -> dict[tuple[str, str], Share]:
     """Return the required share of passes by case and mode, to find omissions."""
     whole = Share(part.most_repetitions, part.most_repetitions)
-    if part.accept is None:
+    if part.wanted_shares is None:
         return {(case, mode): whole for case in part.cases for mode in part.modes}
     return {
         (case, mode): whole if text == DECIDED else parse_share(text)
-        for case, shares in part.accept.items()
+        for case, shares in part.wanted_shares.items()
         for mode, text in shares.items()
     }

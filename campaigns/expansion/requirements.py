@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator
 
-from campaigns.schema import CampaignPart
-from campaigns.values.acceptance import DECIDED, Share, parse_share
-from worlds.files.documents import Document, Problem, closest
+from wil_campaign.campaigns.schema import CampaignPart
+from wil_campaign.campaigns.values.acceptance import DECIDED, Share, parse_share
+from wil_campaign.worlds.files.documents import Document, Problem, closest
 
 
 def unknown_published(base: Document, part: CampaignPart) -> Iterator[Problem]:
@@ -25,11 +25,11 @@ def required_shares(
     scaled, rounded up: 4/5 of 1 is 1/1, of 10 it is 8/10.
     """
     whole = Share(part.most_repetitions, part.most_repetitions)
-    if part.accept is None:
+    if part.wanted_shares is None:
         return {(case, mode): whole for case in part.cases for mode in part.modes}
     written = original.get(("repetitions",), 1)
     found: dict[tuple[str, str], Share] = {}
-    for case, shares in part.accept.items():
+    for case, shares in part.wanted_shares.items():
         if case not in part.cases:
             message = f"accept names an unknown case '{case}'"
             meant = closest(case, part.cases)

@@ -3,10 +3,9 @@
 A key is listed only when code acts on it; any other key is refused as unknown.
 """
 
-from campaigns.schema.autonomy import AutonomyPart
-from campaigns.schema.campaign import (
+from wil_campaign.campaigns.schema.autonomy import AutonomyPart
+from wil_campaign.campaigns.schema.campaign import (
     DEFAULT_CASE,
-    MATRIX_KEYS,
     CampaignPart,
     GoalPart,
     ImageFormat,
@@ -14,15 +13,22 @@ from campaigns.schema.campaign import (
     PositionPart,
     RecordPart,
     SyncPart,
+    campaign_model,
+    matrix_keys,
 )
-from campaigns.schema.fence import GeofencePart
-from campaigns.schema.preflight import PreflightPart
-from campaigns.schema.sensors import CameraPart, MountPart, SensorPart
-from campaigns.schema.vehicles import VEHICLES, StartPart, VehicleName, VehiclePart, VehiclesPart
+from wil_campaign.campaigns.schema.fence import GeofencePart
+from wil_campaign.campaigns.schema.preflight import PreflightPart
+from wil_campaign.campaigns.schema.sensors import CameraPart, MountPart, SensorPart
+from wil_campaign.campaigns.schema.vehicles import (
+    VEHICLES,
+    StartPart,
+    VehicleName,
+    VehiclePart,
+    VehiclesPart,
+)
 
 __all__ = [
     "DEFAULT_CASE",
-    "MATRIX_KEYS",
     "VEHICLES",
     "AutonomyPart",
     "CameraPart",
@@ -41,4 +47,6 @@ __all__ = [
     "VehicleName",
     "VehiclePart",
     "VehiclesPart",
+    "campaign_model",
+    "matrix_keys",
 ]

@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from campaigns.schema.vehicles import (
+from wil_campaign.campaigns.schema.vehicles import (
     LaunchPart,
     ParameterName,
     SigningPart,
@@ -13,9 +13,9 @@ from campaigns.schema.vehicles import (
     Text,
     vehicle_link,
 )
-from safety.fence.fence_schema import FencePart
-from vehicles.autopilots.autopilot import AutopilotName
-from worlds.files.documents import KeyFaultError, Part
+from wil_campaign.safety.fence.fence_schema import FencePart
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.worlds.files.documents import KeyFaultError, Part
 
 ActorPoses = Literal["simulator", "mavlink"]
 

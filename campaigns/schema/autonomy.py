@@ -1,11 +1,19 @@
 """`autonomy`: the system under test, how often it is called, and its limits of memory and time."""
 
+from functools import cache
 from typing import Annotated, Any, ClassVar, Self
 
-from pydantic import Field, JsonValue, model_validator
+from pydantic import Field, JsonValue, create_model, model_validator
 
-from campaigns.values.autonomy_limits import LONGEST_BUILD_S, LONGEST_CALL_S, AutonomyLimits
-from worlds.files.documents import KeyFaultError, Part
+from wil_campaign.campaigns.schema.operator import refused
+from wil_campaign.campaigns.values.autonomy_limits import (
+    LONGEST_BUILD_S,
+    LONGEST_CALL_S,
+    AutonomyLimits,
+)
+from wil_campaign.hooks import autonomy_kinds
+from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.worlds.files.documents import KeyFaultError, Part
 
 _DEFAULT = AutonomyLimits()
 
@@ -28,17 +36,22 @@ class AutonomyLimitsPart(Part):
 class AutonomyPart(Part):
     """The campaign's `autonomy`, the system under test.
 
-    use: file.py:Class beside the file, or a shipped name. with: its parameters. program: instead,
-    a program with its arguments, run in the folder of this file. rate_hz: how often the class of
-    `use` is called for a setpoint. limits: of memory and time. A bare text is the same as `use`.
+    use: file.py:Class beside the file, or a shipped name. with: its parameters. rate_hz: how often
+    the class of `use` is called for a setpoint. limits: of memory and time. A bare text is the same
+    as `use`.
     """
 
     shorthand: ClassVar[str] = "use"
     use: Annotated[str, Field(min_length=1)] | None = None
-    program: Annotated[list[str], Field(min_length=1)] | None = None
     with_: dict[str, JsonValue] = Field(default_factory=dict, alias="with")
     rate_hz: Annotated[float, Field(ge=2, le=250)] = 20.0
     limits: AutonomyLimitsPart = AutonomyLimitsPart()
+
+    @property
+    def foreign(self) -> tuple[str, ...]:
+        """Return the keys of plugins' kinds of autonomy that the campaign has: one, or none."""
+        kinds = added(autonomy_kinds)
+        return tuple(name for name in kinds if getattr(self, name, None) is not None)
 
     @model_validator(mode="before")
     @classmethod
@@ -48,14 +61,32 @@ class AutonomyPart(Part):
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
-        """Require either `use` or `program` of a campaign's autonomy."""
-        if self.use is None and self.program is None:
-            raise ValueError("give use: (a class) or program: (a command line)")
-        if self.program is not None:
-            for key in ("use", "rate_hz"):
+        """Require `use` or one other kind of a campaign's autonomy."""
+        if self.use is None and not self.foreign:
+            others = (f"{one.name}: ({one.value})" for one in added(autonomy_kinds).values())
+            raise ValueError(f"give {' or '.join(('use: (a class)', *others))}")
+        for name in self.foreign[:1]:
+            kind = added(autonomy_kinds)[name]
+            why = f"has no effect with a {kind.noun or name}"
+            # What the run calls has a rate, and a limit of a call.
+            keys, limits = (
+                (("rate_hz",), ("call_s", "build_s")) if kind.runner else ((), ("build_s",))
+            )
+            for key in ("use", *keys, *self.foreign[1:]):
                 if key in self.model_fields_set:
-                    raise KeyFaultError(key, "has no effect with a program")
-            for key in ("call_s", "build_s"):
+                    raise KeyFaultError(key, why)
+            for key in limits:
                 if key in self.limits.model_fields_set:
-                    raise KeyFaultError(("limits", key), "has no effect with a program")
+                    raise KeyFaultError(("limits", key), why)
         return self
+
+
+@cache
+def autonomy_model() -> type[AutonomyPart]:
+    """Return the model of `autonomy`, with the kinds that plugins add."""
+    kinds = added(autonomy_kinds, AutonomyPart.model_fields)
+    keys = {name: load(kind.field)() for name, kind in kinds.items()}
+    keys |= {name: (refused(why), None) for name, why in absent(autonomy_kinds).items()}
+    return create_model(
+        AutonomyPart.__name__, __base__=AutonomyPart, __doc__=AutonomyPart.__doc__, **keys
+    )

@@ -1,12 +1,16 @@
-"""The schema of bench files, and a campaign's `bench`: the request for the one it is flown on."""
+"""The schema of bench files, and a campaign's `bench`: the request for the one it is flown on.
+
+They are of the core: `validate`, `judge` and `run --bench-file` on this machine read them. Engines
+that fly on benches of other machines are of plugins.
+"""
 
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, StringConstraints, model_validator
 
-from campaigns.schema.fence import GeofencePart
-from campaigns.schema.vehicles import VehiclePart
-from worlds.files.documents import KeyFaultError, Part
+from wil_campaign.campaigns.schema.fence import GeofencePart
+from wil_campaign.campaigns.schema.vehicles import VehiclePart
+from wil_campaign.worlds.files.documents import KeyFaultError, Part
 
 BenchName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
 """A name that is part of a cluster resource's name, and of file names."""

@@ -4,9 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from campaigns.schema.sensors import Distortion, Focal, MountPart, Pixels
-from worlds.camera import Intrinsics
-from worlds.files.documents import Document, Part, check
+from wil_campaign.campaigns.schema.sensors import Distortion, Focal, MountPart, Pixels
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.files.documents import Document, Part, check
 
 
 class OpticsPart(Part):

@@ -1,33 +1,43 @@
 """The campaign file as a whole, and its small parts."""
 
 import re
-from typing import Annotated, Literal, Self
+from functools import cache
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, JsonValue, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    Field,
+    JsonValue,
+    create_model,
+    field_validator,
+    model_validator,
+)
 
-from campaigns.schema.actors import ActorPart
-from campaigns.schema.autonomy import AutonomyPart
-from campaigns.schema.bench import BenchRequestPart
-from campaigns.schema.between_runs import BetweenRunsPart
-from campaigns.schema.controls import ControlPart
-from campaigns.schema.delivery import DeliverPart, InjectPart, ground_station_link
-from campaigns.schema.faults import FaultsPart
-from campaigns.schema.fence import GeofencePart
-from campaigns.schema.limits import LimitsPart
-from campaigns.schema.links import LinksPart
-from campaigns.schema.operator import OperatorPart
-from campaigns.schema.preflight import PreflightPart
-from campaigns.schema.search import SearchPart
-from campaigns.schema.vehicles import Speedup, VehiclesPart
-from campaigns.statistics.sequential_test import SequentialTest
-from campaigns.values.acceptance import DECIDED, parse_share
-from worlds.files.documents import KeyFaultError, Part
+from wil_campaign.campaigns.schema.actors import ActorPart
+from wil_campaign.campaigns.schema.autonomy import AutonomyPart, autonomy_model
+from wil_campaign.campaigns.schema.bench import BenchRequestPart
+from wil_campaign.campaigns.schema.between_runs import BetweenRunsPart
+from wil_campaign.campaigns.schema.controls import ControlPart
+from wil_campaign.campaigns.schema.faults import FaultsPart
+from wil_campaign.campaigns.schema.fence import GeofencePart
+from wil_campaign.campaigns.schema.limits import LimitsPart
+from wil_campaign.campaigns.schema.links import LinksPart
+from wil_campaign.campaigns.schema.operator import OperatorPart, operator_model, refused
+from wil_campaign.campaigns.schema.preflight import PreflightPart
+from wil_campaign.campaigns.schema.vehicles import Speedup, VehiclesPart
+from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
+from wil_campaign.campaigns.values.acceptance import DECIDED, parse_share
+from wil_campaign.campaigns.values.wanted_firmware import FIRMWARE, check_version, names_versions
+from wil_campaign.hooks import campaign_keys, run_observers
+from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.worlds.files.documents import KeyFaultError, Part
 
 Mode = Literal["sim", "wil", "real"]
 Takeoff = Literal["liftoff", "command"]
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
 
-MATRIX_KEYS = frozenset(
+_MATRIX_KEYS = frozenset(
     {
         "schema",
         "campaign",
@@ -43,11 +53,16 @@ MATRIX_KEYS = frozenset(
         "operator",
         "clock",
         "between_runs",
-        "search",
         "bench",
     }
 )
-"""Keys that define the matrix of runs, and so cannot differ from case to case."""
+
+
+def matrix_keys() -> frozenset[str]:
+    """Return the keys that define the matrix of runs, and so cannot differ from case to case."""
+    of_plugins = added(campaign_keys).values()
+    return _MATRIX_KEYS.union(key.name for key in of_plugins if not key.varies)
+
 
 _SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
@@ -159,13 +174,28 @@ class RecordPart(Part):
     quality: of JPEG, 1 to 100. vehicle_logs: whether the vehicles' own logs (.bin, .ulg) are
     fetched into the run's folder after landing. max_loss: share of a topic of run.mcap that may be
     missing, beyond which the run is INVALID; nothing may be missing that decides the verdict.
-    pictures: how images are encoded in run.mcap; none records no images.
+    pictures: how images are encoded in run.mcap; none records no images. video: of which runs
+    mixed.mp4 is made of the recorded images after the landing: of those that went wrong and the
+    first of each case and mode (failed), of all, or of none.
     """
 
     pictures: ImageFormat = "jpeg"
+    video: Literal["failed", "always", "never"] = "failed"
     quality: Annotated[int, Field(ge=1, le=100)] = 85
     vehicle_logs: bool = False
     max_loss: Annotated[float, Field(ge=0, le=1)] = 0.01
+
+    @model_validator(mode="after")
+    def _has_images_for_its_video(self) -> Self:
+        """Refuse a video of images that are not recorded."""
+        is_wanted = "video" in self.model_fields_set and self.video != "never"
+        if self.pictures == "none" and is_wanted:
+            message = (
+                "is made of the recorded images, and pictures: none records none; "
+                "record them (jpeg), or leave video out"
+            )
+            raise KeyFaultError("video", message)
+        return self
 
 
 class UntilDecidedPart(Part):
@@ -220,15 +250,16 @@ class CampaignPart(Part):
     cases: variants by name, each with the dotted keys that it overrides, also of world.* and
     recipe.*. controls: runs that must not pass, by name. repetitions: how often each case is flown
     in each mode; or until a sequential test has decided. seed: from which the seed of each run
-    derives, with its case and its repetition. deliver: outlets for images, other than the autonomy.
-    ground_station: outgoing link of a ground station that receives video streams and contacts.
-    accept: by case and mode how many runs must pass, "4/5"; by default every run. published:
+    derives, with its case and its repetition.
+    accept: by case and mode how many runs must pass, "4/5"; by default every run; under `firmware`
+    the version that a vehicle must run, as "1.16", or a git hash. published:
     results of others, shown beside the campaign's own. retries: how often a run with the verdict
     ERROR or INVALID is flown again; never with hardware. bench: the place with the real vehicle, by
     name or properties; its file defines vehicles.real and the geofence. collision_always: whether a
-    contact fails a run even if `oracles` has no `collision`. search: which variants `wil-campaign
-    search` tries to find one that fails.
+    contact fails a run even if `oracles` has no `collision`.
     """
+
+    model_config = ConfigDict(defer_build=True)
 
     schema_: Literal["wil/campaign/1"] = Field(alias="schema")
     campaign: SafeName
@@ -252,9 +283,6 @@ class CampaignPart(Part):
     links: LinksPart = LinksPart()
     faults: FaultsPart = FaultsPart()
     preflight: PreflightPart = PreflightPart()
-    deliver: list[DeliverPart] = Field(default_factory=list)
-    inject: InjectPart = InjectPart()
-    ground_station: Annotated[str, AfterValidator(ground_station_link)] | None = None
     geofence: GeofencePart | None = None
     limits: LimitsPart | None = None
     oracles: Annotated[dict[str, dict[str, JsonValue] | None], Field(min_length=1)]
@@ -263,7 +291,6 @@ class CampaignPart(Part):
     record: RecordPart = RecordPart()
     accept: dict[str, dict[str, str]] | None = None
     published: PublishedPart | None = None
-    search: SearchPart | None = None
 
     @property
     def most_repetitions(self) -> int:
@@ -275,6 +302,19 @@ class CampaignPart(Part):
     def sequential_test(self) -> SequentialTest | None:
         """Return the test that may end the repetitions early; None for a fixed number."""
         return None if isinstance(self.repetitions, int) else self.repetitions.test
+
+    @property
+    def wanted_firmware(self) -> dict[str, str]:
+        """Return the versions that vehicles must run to be accepted, by vehicle."""
+        found = (self.accept or {}).get(FIRMWARE, {})
+        return found if names_versions(found) else {}
+
+    @property
+    def wanted_shares(self) -> dict[str, dict[str, str]] | None:
+        """Return by case and mode how many runs must pass; None to require every run."""
+        if self.accept is None or not self.wanted_firmware:
+            return self.accept
+        return {case: one for case, one in self.accept.items() if case != FIRMWARE} or None
 
     @field_validator("modes")
     @classmethod
@@ -290,6 +330,9 @@ class CampaignPart(Part):
         if accept is not None and not accept:
             raise ValueError(_ACCEPTS_NOTHING)
         for case, shares in (accept or {}).items():
+            if case == FIRMWARE and names_versions(shares):
+                _check_versions(shares)
+                continue
             if not shares:
                 raise KeyFaultError(case, _ACCEPTS_NOTHING)
             for mode, share in shares.items():
@@ -300,3 +343,36 @@ class CampaignPart(Part):
                 except ValueError as error:
                     raise KeyFaultError((case, mode), str(error)) from error
         return accept
+
+
+def _check_versions(versions: dict[str, str]) -> None:
+    """Raise KeyFaultError for a version that `accept` cannot ask for."""
+    for vehicle, text in versions.items():
+        if vehicle not in {"real", "twin"}:
+            raise KeyFaultError((FIRMWARE, vehicle), "must be of real or twin")
+        try:
+            check_version(text)
+        except ValueError as error:
+            raise KeyFaultError((FIRMWARE, vehicle), str(error)) from error
+
+
+@cache
+def campaign_model() -> type[CampaignPart]:
+    """Return the model of campaign files, with the keys that plugins add.
+
+    A key of a shipped plugin that is not installed is refused by the plugin's name.
+    """
+    own = frozenset(CampaignPart.model_fields)
+    keys: dict[str, Any] = {
+        name: (load(key.part) | None, Field(default=None, description=key.summary))
+        for name, key in added(campaign_keys, own).items()
+    }
+    observers = added(run_observers, own.union(keys))
+    keys |= {name: load(one.field)() for name, one in observers.items()}
+    for hook in (campaign_keys, run_observers):
+        keys |= {name: (refused(why), None) for name, why in absent(hook).items()}
+    keys["operator"] = (operator_model(), operator_model()())
+    keys["autonomy"] = (autonomy_model(), ...)
+    return create_model(
+        CampaignPart.__name__, __base__=CampaignPart, __doc__=CampaignPart.__doc__, **keys
+    )

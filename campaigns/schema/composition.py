@@ -4,8 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from campaigns.schema.campaign import Mode, PublishedPart, SafeName
-from worlds.files.documents import Part
+from wil_campaign.campaigns.schema.campaign import Mode, PublishedPart, SafeName
+from wil_campaign.worlds.files.documents import Part
 
 FileName = Annotated[str, Field(min_length=1)]
 

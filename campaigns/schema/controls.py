@@ -4,8 +4,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, JsonValue, model_validator
 
-from campaigns.values.expectation import ControlVerdict
-from worlds.files.documents import KeyFaultError, Part
+from wil_campaign.campaigns.values.expectation import ControlVerdict
+from wil_campaign.worlds.files.documents import KeyFaultError, Part
 
 FlownMode = Literal["sim", "wil", "real"]
 

@@ -4,8 +4,8 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from safety.fence.fence_schema import FencePart
-from safety.guard.core.events import GuardSettings
+from wil_campaign.safety.fence.fence_schema import FencePart
+from wil_campaign.safety.guard.core.events import GuardSettings
 
 _USUAL = GuardSettings()
 

@@ -16,14 +16,14 @@ from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaMode, models_json_schema
 from pydantic_core import core_schema
 
-from campaigns.schema.bench import BenchPart
-from campaigns.schema.campaign import CampaignPart
-from campaigns.schema.composition import CompositionPart
-from recipes.language.recipe_document import CombinePart, RecipePart
-from recipes.model.registry import OWN_STEP, STAGES, Stage, steps
-from safety.oracles import registry
-from worlds.files.problems import unit_of
-from worlds.world_file.world_schema import WorldModel
+from wil_campaign.campaigns.schema.bench import BenchPart
+from wil_campaign.campaigns.schema.campaign import campaign_model
+from wil_campaign.campaigns.schema.composition import CompositionPart
+from wil_campaign.recipes.language.recipe_document import CombinePart, RecipePart
+from wil_campaign.recipes.model.registry import OWN_STEP, STAGES, Stage, steps
+from wil_campaign.safety.oracles.registry import oracle_kinds
+from wil_campaign.worlds.files.problems import unit_of
+from wil_campaign.worlds.world_file.world_schema import WorldModel
 
 DIALECT = GenerateJsonSchema.schema_dialect
 Schema = dict[str, Any]
@@ -52,9 +52,9 @@ _SOME_BENCH: Schema = {"description": "The bench that is requested.", "not": {"t
 
 def campaign_schema() -> Schema:
     """Return the schema of campaign files, those that name other campaigns included."""
-    kinds = registry.values()
+    kinds, campaign = oracle_kinds().values(), campaign_model()
     parameters = tuple(dict.fromkeys(kind.parameters for kind in kinds))
-    refs, definitions = _definitions(CampaignPart, CompositionPart, *parameters)
+    refs, definitions = _definitions(campaign, CompositionPart, *parameters)
     definitions["OwnOracle"] = _own_oracle()
     definitions["CampaignPart"]["properties"]["oracles"] = {
         "title": "oracles",
@@ -74,14 +74,14 @@ def campaign_schema() -> Schema:
     return {
         "$schema": DIALECT,
         "title": "wil-campaign: campaign file",
-        "description": _summary_of(CampaignPart),
+        "description": _summary_of(campaign),
         "type": "object",
         "if": {"required": ["campaigns"]},
         "then": refs[CompositionPart],
         "else": {
             "if": {"required": ["bench"], "properties": {"bench": _SOME_BENCH}},
             "then": {"$ref": "#/$defs/CampaignOnBench"},
-            "else": refs[CampaignPart],
+            "else": refs[campaign],
         },
         "$defs": definitions,
     }
@@ -250,23 +250,22 @@ def _unless_named(parameters: Schema) -> Schema:
 
 def _own_oracle() -> Schema:
     """Return the schema of an oracle with a name of the user's."""
+    keys = [kind.own_key for kind in oracle_kinds().values() if kind.own_key is not None]
+    ways = "".join(f", or {own.noun} as `{own.key}`" for own in keys)
+    use = {
+        "title": "use",
+        "description": "The kind of oracle; the other keys are its parameters.",
+        "enum": sorted(oracle_kinds()),
+    }
+    given = {
+        own.key: {"title": own.key, "description": own.summary, "type": "string"} for own in keys
+    }
     return {
         "title": "oracle",
-        "description": "An oracle of your own name: its kind as `use`, or a formula as `stl`.",
+        "description": f"An oracle of your own name: its kind as `use`{ways}.",
         "type": "object",
-        "properties": {
-            "use": {
-                "title": "use",
-                "description": "The kind of oracle; the other keys are its parameters.",
-                "enum": sorted(registry),
-            },
-            "stl": {
-                "title": "stl",
-                "description": "A formula of signal temporal logic that has to hold.",
-                "type": "string",
-            },
-        },
-        "anyOf": [{"required": ["use"]}, {"required": ["stl"]}],
+        "properties": {"use": use, **given},
+        "anyOf": [{"required": [key]} for key in ("use", *given)],
     }
 
 

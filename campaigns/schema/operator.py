@@ -1,13 +1,15 @@
-"""`operator`: how people follow and command a campaign other than by its terminal: GCS, MQTT."""
+"""`operator`: how people follow and command a campaign other than by its terminal."""
 
-import re
-from typing import Annotated, Literal, Self
+from collections.abc import Mapping
+from functools import cache
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, JsonValue, create_model
 
-from campaigns.values.broker_address import BrokerAddressError, parse_broker
-from vehicles.links.link_strings import LinkAddressError, parse_link
-from worlds.files.documents import KeyFaultError, Part
+from wil_campaign.hooks import operator_channels
+from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.vehicles.links.link_strings import LinkAddressError, parse_link
+from wil_campaign.worlds.files.documents import Document, Part, Problem
 
 
 def _is_link(link: str) -> str:
@@ -23,37 +25,14 @@ def _is_link(link: str) -> str:
     return link
 
 
-def _is_broker(text: str) -> str:
-    """Refuse the operator's MQTT broker address of the wrong form."""
-    try:
-        parse_broker(text)
-    except BrokerAddressError as error:
-        raise ValueError(str(error)) from error
-    return text
-
-
-def _is_variable(text: str) -> str:
-    """Refuse a name that no environment variable can have."""
-    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]{0,127}", text):
-        raise ValueError(f"'{text}' is not the name of an environment variable (like WIL_TOKEN)")
-    return text
-
-
-def _is_topic(text: str) -> str:
-    """Refuse an MQTT topic prefix of the operator that is malformed."""
-    if not re.fullmatch(r"[^/+#$\s][^+#\s]{0,199}(?<!/)", text):
-        raise ValueError(f"'{text}' is not a topic prefix (like wil, or site/hall)")
-    return text
-
-
-Variable = Annotated[str, AfterValidator(_is_variable)]
-"""The name of an environment variable: a campaign file contains no secrets."""
-Topic = Annotated[str, AfterValidator(_is_topic)]
+OnLoss = Literal["continue", "hold", "abort"]
 GcsLink = Annotated[str, AfterValidator(_is_link)]
 
 
 class GcsPart(Part):
     """The operator's `gcs`: links on which the guard relays a vehicle's MAVLink to a GCS.
+
+    A ground station there reads, and takes over; what would change the vehicle is not forwarded.
 
     real, twin: the link to the ground station for that vehicle, such as udpout://127.0.0.1:14550;
     by default none.
@@ -63,51 +42,55 @@ class GcsPart(Part):
     twin: GcsLink | None = None
 
 
-class MqttPart(Part):
-    """The operator's `mqtt`: a broker for progress reports and operator commands.
-
-    commands: whether they have to be signed. token_env: the environment variable that holds the
-    token that signs commands; by default a token is made for each campaign, in its results folder.
-    root: of all topics: <root>/<campaign>/status. broker: the broker's address, mqtt://HOST[:PORT]
-    or mqtts:// for TLS. user: the name to log in with. password_env: the environment variable that
-    holds the password. ca_file: CA certificates that verify the broker's certificate; by default
-    the system's. cert_file: the certificate that this program presents to the broker. key_file: the
-    private key of that certificate.
-    """
-
-    broker: Annotated[str, AfterValidator(_is_broker)]
-    user: str | None = None
-    password_env: Variable | None = None
-    token_env: Variable | None = None
-    commands: Literal["signed", "unsigned"] = "signed"
-    ca_file: str | None = None
-    cert_file: str | None = None
-    key_file: str | None = None
-    root: Topic = "wil"
-
-    @model_validator(mode="after")
-    def _fits_together(self) -> Self:
-        """Require consistent TLS keys of the operator's MQTT broker."""
-        tls = parse_broker(self.broker).tls
-        for key in ("ca_file", "cert_file", "key_file"):
-            if getattr(self, key) is not None and not tls:
-                raise KeyFaultError(key, "is for TLS: write the broker as mqtts://")
-        if self.commands == "unsigned" and self.token_env is not None:
-            raise KeyFaultError("token_env", "has no effect with commands: unsigned; remove it")
-        if self.key_file is not None and self.cert_file is None:
-            raise KeyFaultError("key_file", "needs the cert_file that it belongs to")
-        return self
-
-
 class OperatorPart(Part):
-    """The campaign's `operator`: ground stations, MQTT, and the action on operator loss.
+    """The campaign's `operator`: ground stations, channels, and the action on operator loss.
 
-    on_operator_loss: the action when the broker was unreachable for lost_after_s. gcs: ground
-    stations that monitor and command the vehicles through the guard. mqtt: the broker for reports
-    and commands; by default none. lost_after_s: how long the broker may be unreachable.
+    on_operator_loss: the action when a channel was unreachable for lost_after_s. gcs: ground
+    stations that monitor and command the vehicles through the guard. lost_after_s: how long a
+    channel may be unreachable.
     """
 
     gcs: GcsPart = GcsPart()
-    mqtt: MqttPart | None = None
-    on_operator_loss: Literal["continue", "hold", "abort"] = "continue"
+    on_operator_loss: OnLoss = "continue"
     lost_after_s: Annotated[float, Field(gt=0, le=3600)] = 10.0
+
+    @property
+    def channels(self) -> dict[str, "ChannelPart"]:
+        """Return by their keys the channels that the campaign names."""
+        given = {name: getattr(self, name, None) for name in added(operator_channels)}
+        return {name: part for name, part in given.items() if part is not None}
+
+
+class ChannelPart(Part):
+    """The value of a key of `operator` that a plugin adds: a channel by which people command."""
+
+    def setup(self, campaign: Document, operator: OperatorPart, problems: list[Problem]) -> object:
+        """Return the channel's setup as it is opened with; what is missing is noted."""
+        raise NotImplementedError
+
+    @property
+    def permits(self) -> Mapping[str, str]:
+        """Return what the campaign permits that is unsafe, in words, by the key and its value."""
+        return {}
+
+
+@cache
+def operator_model() -> type[OperatorPart]:
+    """Return the model of `operator`, with the channels that plugins add."""
+    keys: dict[str, Any] = {
+        name: (load(channel.part) | None, Field(default=None, description=channel.summary))
+        for name, channel in added(operator_channels).items()
+    }
+    keys |= {name: (refused(why), None) for name, why in absent(operator_channels).items()}
+    return create_model(
+        OperatorPart.__name__, __base__=OperatorPart, __doc__=OperatorPart.__doc__, **keys
+    )
+
+
+def refused(why: str) -> Any:
+    """Return the type of a key of which each value is refused. why: the message."""
+
+    def refuse(_: object) -> object:
+        raise ValueError(why)
+
+    return Annotated[JsonValue, AfterValidator(refuse)]

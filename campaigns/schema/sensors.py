@@ -6,8 +6,8 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from campaigns.schema.sources import CarriedPart, SourcedPart, SourcePart
-from campaigns.values.sensor_setups import (
+from wil_campaign.campaigns.schema.sources import CarriedPart, SourcedPart, SourcePart
+from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
     GpsSetup,
@@ -19,11 +19,11 @@ from campaigns.values.sensor_setups import (
     RangefinderSetup,
     Reach,
 )
-from vehicles.sensors.lens import lens_fault
-from vehicles.sensors.lidar import GridPattern, ScanPattern
-from worlds.camera import CameraMount, Intrinsics
-from worlds.files.documents import KeyFaultError, Part
-from worlds.frames import Pose, quat_from_euler
+from wil_campaign.vehicles.sensors.lens import lens_fault
+from wil_campaign.vehicles.sensors.lidar import GridPattern, ScanPattern
+from wil_campaign.worlds.camera import CameraMount, Intrinsics
+from wil_campaign.worlds.files.documents import KeyFaultError, Part
+from wil_campaign.worlds.frames import Pose, quat_from_euler
 
 Pixels = Annotated[int, Field(ge=16, le=8192)]
 Rate = Annotated[float, Field(gt=0, le=1000)]

@@ -1,21 +1,25 @@
 """`source` of a sensor and `mocap` of a vehicle: external inputs of a run."""
 
 import re
+from contextlib import suppress
+from ipaddress import IPv4Address
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from campaigns.values.external_setups import (
+from wil_campaign.campaigns.values.external_setups import (
+    OWN_SOURCES,
     MocapSetup,
-    ReadingSourceKind,
     ReadingSourceSetup,
     SourceKind,
     SourceSetup,
 )
-from vehicles.sources.readings.mavlink_messages import MESSAGES
-from worlds.files.documents import KeyFaultError, Part
-from worlds.files.paths import exists, is_folder
+from wil_campaign.hooks import sources
+from wil_campaign.installed_plugins import added, load
+from wil_campaign.vehicles.sources.readings.mavlink_messages import MESSAGES
+from wil_campaign.worlds.files.documents import KeyFaultError, Part
+from wil_campaign.worlds.files.paths import exists, is_folder
 
 Milliseconds = Annotated[float, Field(ge=0, le=10_000)]
 Seconds = Annotated[float, Field(gt=0, le=600)]
@@ -118,7 +122,7 @@ def _file(folder: Path, name: str) -> tuple[SourceKind, str]:
     return ("mcap" if path.suffix == ".mcap" else "video"), str(path)
 
 
-_ONLY_FOR_READINGS: dict[str, tuple[ReadingSourceKind, ...]] = {
+_ONLY_FOR_READINGS: dict[str, tuple[str, ...]] = {
     "message": ("mavlink",),
     "id": ("mavlink",),
     "undulation_m": ("mavlink",),
@@ -164,12 +168,14 @@ class ReadingSourcePart(Part):
         """Refuse an unknown address, and keys without effect on this kind of source."""
         kind = self.kind
         for key, kinds in _ONLY_FOR_READINGS.items():
-            if key in self.model_fields_set and kind not in kinds:
+            # A plugin's source gets what is in every SourceRequest.
+            has_effect = kind in kinds or ("zmq" in kinds and kind not in OWN_SOURCES)
+            if key in self.model_fields_set and not has_effect:
                 raise KeyFaultError(key, f"has no effect on a source of {kind}")
         return self
 
     @property
-    def kind(self) -> ReadingSourceKind:
+    def kind(self) -> str:
         """Return the kind of source that the address names. Raises KeyFaultError."""
         if self.address == "mavlink":
             return "mavlink"
@@ -178,7 +184,12 @@ class ReadingSourcePart(Part):
             return "zmq"
         if self.address.endswith(".mcap") and "://" not in self.address:
             return "mcap"
+        of_plugins = added(sources)
+        scheme, is_scheme, _ = self.address.partition("://")
+        if is_scheme and scheme in of_plugins:
+            return scheme
         fault = "must be mavlink, tcp://HOST:PORT (a ZeroMQ publisher), or an MCAP file (.mcap)"
+        fault += "".join(f", or {source.addresses}" for source in of_plugins.values())
         raise KeyFaultError("address", f"'{self.address}' {fault}")
 
     def setup(self, folder: Path, *, sensor: str, message: str | None) -> ReadingSourceSetup:
@@ -217,6 +228,15 @@ class SourcedPart(CarriedPart):
     """
 
     source: ReadingSourcePart | None = None
+
+    @model_validator(mode="after")
+    def _require_fitting_source(self) -> Self:
+        """Refuse what the plugin of the source finds wrong with its address for this type."""
+        if self.source is not None and self.source.kind not in OWN_SOURCES:
+            check = load(added(sources)[self.source.kind].check)
+            if fault := check(self.source.address, getattr(self, "type", "")):
+                raise KeyFaultError(("source", "address"), fault)
+        return self
 
     @model_validator(mode="after")
     def _require_fitting_message(self) -> Self:
@@ -266,13 +286,24 @@ class SourcedPart(CarriedPart):
         return given or usual
 
 
+def _is_sender(text: str) -> bool:
+    """Return whether a text is an IPv4 address, with or without a port."""
+    host, has_port, port = text.partition(":")
+    with suppress(ValueError):
+        IPv4Address(host)
+        return not has_port or (port.isascii() and port.isdigit() and 0 < int(port) < 65536)
+    return False
+
+
 class MocapPart(Part):
     """A vehicle's external source of motion capture; a bare text is the same as `address`.
 
-    address: udp://HOST:PORT (ours, to bind), tcp://HOST:PORT (a ZeroMQ publisher's), or
-    vrpn://HOST[:PORT]. body: its name in the capture system; by default the vehicle's. stall_s:
-    time without a pose in flight after which the run is INVALID. latency_ms: from the capture of a
-    pose to its arrival. topic: the topic of a ZeroMQ publisher; by default all.
+    address: udp://HOST:PORT (ours, to bind), or tcp://HOST:PORT (a ZeroMQ publisher's). body: its
+    name in the capture system; by default the vehicle's. stall_s: time without a pose in flight
+    after which the run is INVALID. latency_ms: from the capture of a pose to its arrival. topic:
+    the topic of a ZeroMQ publisher; by default all. sender: with udp://, the address whose messages
+    are taken, IP or IP:PORT; by default that of the first, and the run is refused where a second
+    one sends before arming.
     """
 
     shorthand: ClassVar[str] = "address"
@@ -281,6 +312,7 @@ class MocapPart(Part):
     latency_ms: Milliseconds = 0.0
     stall_s: Seconds = 0.5
     topic: str = ""
+    sender: str = ""
 
     @model_validator(mode="before")
     @classmethod
@@ -294,6 +326,10 @@ class MocapPart(Part):
         kind, _, _ = self._parse_address()
         if self.topic and kind != "zmq":
             raise KeyFaultError("topic", "applies to tcp:// only")
+        if self.sender and kind != "udp":
+            raise KeyFaultError("sender", "applies to udp:// only: the others are connected to")
+        if self.sender and not _is_sender(self.sender):
+            raise KeyFaultError("sender", "must be an IP address, or IP:PORT (192.168.1.10:5000)")
         return self
 
     def setup(self, vehicle: str) -> MocapSetup:
@@ -307,18 +343,21 @@ class MocapPart(Part):
             latency_s=self.latency_ms / 1000.0,
             stall_s=self.stall_s,
             topic=self.topic,
+            sender=self.sender,
         )
 
-    def _parse_address(self) -> tuple[Literal["udp", "zmq", "vrpn"], str, int]:
+    def _parse_address(self) -> tuple[Literal["udp", "zmq"], str, int]:
         """Return kind, host and port of a motion capture source's address."""
-        match = re.fullmatch(r"(udp|tcp|vrpn)://([^:/@\s]+)(?::(\d{1,5}))?", self.address)
-        port = int(match[3] or (3883 if match[1] == "vrpn" else 0)) if match else 0
-        if match is None or not 0 < port < 65536:
+        if self.address.startswith("vrpn://"):
             raise KeyFaultError(
                 "address",
-                "must be udp://HOST:PORT (to listen), tcp://HOST:PORT (a ZeroMQ publisher) or "
-                "vrpn://HOST",
+                "VRPN is not read any more: have a bridge of 20 lines send its poses "
+                "(docs/motion-capture.md), and write udp://127.0.0.1:5570",
             )
-        kinds: dict[str, Literal["udp", "zmq", "vrpn"]]
-        kinds = {"udp": "udp", "tcp": "zmq", "vrpn": "vrpn"}
-        return kinds[match[1]], match[2], port
+        match = re.fullmatch(r"(udp|tcp)://([^:/@\s]+):(\d{1,5})", self.address)
+        if match is None or not 0 < int(match[3]) < 65536:
+            raise KeyFaultError(
+                "address",
+                "must be udp://HOST:PORT (to listen) or tcp://HOST:PORT (a ZeroMQ publisher)",
+            )
+        return "udp" if match[1] == "udp" else "zmq", match[2], int(match[3])

@@ -3,18 +3,21 @@
 import math
 from typing import Annotated, Literal, Self, get_args
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, JsonValue, model_validator
+from pydantic_core import PydanticKnownError
 
-from campaigns.schema.sensors import SensorPart
-from campaigns.schema.sources import MocapPart
-from campaigns.values.external_setups import PoseAccuracy, PoseSource
-from vehicles.autopilots.autopilot import AutopilotName
-from vehicles.command_backends import DriverName
-from vehicles.coupling import Coupling
-from vehicles.links.link_strings import LinkAddressError, parse_link
-from worlds.files.documents import KeyFaultError, Part
-from worlds.frames import Pose
-from worlds.scene.parts import BoxShape
+from wil_campaign.campaigns.schema.sensors import SensorPart
+from wil_campaign.campaigns.schema.sources import MocapPart
+from wil_campaign.campaigns.values.external_setups import PoseAccuracy, PoseSource
+from wil_campaign.hooks import drivers
+from wil_campaign.installed_plugins import absent, added
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.command_backends import OWN_FRAMES
+from wil_campaign.vehicles.coupling import Coupling
+from wil_campaign.vehicles.links.link_strings import LinkAddressError, parse_link
+from wil_campaign.worlds.files.documents import KeyFaultError, Part
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.parts import BoxShape
 
 VehicleName = Literal["real", "twin"]
 VEHICLES: tuple[VehicleName, ...] = get_args(VehicleName)
@@ -22,6 +25,26 @@ VEHICLES: tuple[VehicleName, ...] = get_args(VehicleName)
 ParameterName = Annotated[str, Field(pattern=r"^[A-Z0-9_]{1,16}$")]
 """MAVLink's param_id has 16 characters."""
 Text = Annotated[str, Field(min_length=1)]
+
+
+def _driver(name: str) -> str:
+    """Refuse a vehicle's driver that there is not, or whose plugin is not installed."""
+    if why := absent(drivers).get(name):
+        raise ValueError(why)
+    if name not in (known := _drivers()):
+        raise PydanticKnownError("literal_error", {"expected": " or ".join(map(repr, known))})
+    return name
+
+
+def _drivers() -> list[str]:
+    return [OWN_FRAMES, *added(drivers)]
+
+
+def _drivers_of_schema(schema: dict[str, JsonValue]) -> None:
+    schema["enum"] = [*_drivers()]
+
+
+DriverName = Annotated[str, AfterValidator(_driver), Field(json_schema_extra=_drivers_of_schema)]
 Speedup = Annotated[float, Field(gt=0, le=100)]
 
 
@@ -184,13 +207,14 @@ class VehiclePart(Part):
     `start`, or motion capture. mocap: the source of motion capture; null: the embedded vehicle's.
     spare_links: further links to the same vehicle, used when those before them fall silent.
     coupling: of the twin, how it follows the real vehicle in mode wil. body: the one by which the
-    vehicle is judged; by default that of the embedded vehicle.
+    vehicle is judged; by default that of the embedded vehicle. permit_dead_reckoning: whether the
+    flight goes on, with a caveat, where the estimator loses what held its position at arming.
     """
 
     link: Annotated[str, AfterValidator(vehicle_link)] | LaunchPart
     spare_links: list[Annotated[str, AfterValidator(_spare)]] = Field(default_factory=list)
     autopilot: AutopilotName
-    driver: DriverName = "mavlink"
+    driver: DriverName = OWN_FRAMES
     system_id: Annotated[int, Field(ge=1, le=250)] | None = None
     signing: SigningPart | None = None
     telemetry: TelemetryPart = TelemetryPart()
@@ -204,6 +228,7 @@ class VehiclePart(Part):
     body: BodyPart | None = None
     sensors: dict[str, SensorPart] = Field(default_factory=dict)
     coupling: Coupling = "follow"
+    permit_dead_reckoning: bool = False
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -216,11 +241,7 @@ class VehiclePart(Part):
             message = "applies to an estimate; motion capture has positions only: remove it"
             raise KeyFaultError(("pose_accuracy", "velocity_m_s"), message)
         if self.link != "embedded" and self.pose_source == "mocap" and self.mocap is None:
-            message = (
-                "only the embedded vehicle has built-in motion capture; give its source by "
-                "`mocap`, or write mavlink"
-            )
-            raise KeyFaultError("pose_source", message)
+            raise KeyFaultError("pose_source", self._without_mocap())
         for name, sensor in self.sensors.items():
             captured = sensor.type == "pose" and self.pose_source == "mocap"
             given = captured or getattr(sensor, "source", None) is not None
@@ -238,6 +259,16 @@ class VehiclePart(Part):
         if launched not in {None, self.autopilot}:
             raise KeyFaultError("autopilot", f"the link launches {launched}")
         return self
+
+    def _without_mocap(self) -> str:
+        """Return why a vehicle has no motion capture, and what to write instead."""
+        instead = (
+            "give its source by `mocap`, or write simulator (a simulation's ground truth) or "
+            "mavlink (its estimate)"
+            if isinstance(self.link, str)
+            else "a launched simulation is judged by its ground truth: write simulator"
+        )
+        return f"only the embedded vehicle has built-in motion capture; {instead}"
 
     @property
     def poses_from(self) -> PoseSource:

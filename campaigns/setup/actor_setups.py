@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
-from campaigns.schema.actors import ActorPart, ElsewherePart
-from campaigns.setup.vehicle_setups import (
+from wil_campaign.campaigns.schema.actors import ActorPart, ElsewherePart
+from wil_campaign.campaigns.setup.vehicle_setups import (
     FlownSetup,
     key_source_of,
     link_of,
@@ -14,15 +14,15 @@ from campaigns.setup.vehicle_setups import (
     rates_of,
     unknown_parameters,
 )
-from safety.fence.areas import FenceError
-from safety.fence.geofence import Fence, require_few_corners
-from worlds.files.documents import Document, Problem, closest
-from worlds.files.documents import Path as KeyPath
-from worlds.frames import Pose
-from worlds.geodesy import LocalFrame
-from worlds.scene.motion import Motion
-from worlds.scene.scene import SceneObject
-from worlds.world_file.world import World
+from wil_campaign.safety.fence.areas import FenceError
+from wil_campaign.safety.fence.geofence import Fence, require_few_corners
+from wil_campaign.worlds.files.documents import Document, Problem, closest
+from wil_campaign.worlds.files.documents import Path as KeyPath
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.geodesy import LocalFrame
+from wil_campaign.worlds.scene.motion import Motion
+from wil_campaign.worlds.scene.scene import SceneObject
+from wil_campaign.worlds.world_file.world import World
 
 _FIRST_SYSTEM_ID = 3
 _OVER_START_M = 0.05

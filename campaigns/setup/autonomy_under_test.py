@@ -3,15 +3,18 @@
 import importlib
 import inspect
 import pkgutil
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
 
-from campaigns.values.autonomy_limits import AutonomyLimits
-from campaigns.values.references import BadReferenceError, is_reference, load_reference
-from vehicles.autonomy import Autonomy, AutonomyFactory
-from worlds.files.documents import closest
+from wil_campaign.campaigns.values.autonomy_limits import AutonomyLimits
+from wil_campaign.campaigns.values.references import BadReferenceError, is_reference, load_reference
+from wil_campaign.hooks import autonomy_kinds
+from wil_campaign.installed_plugins import added
+from wil_campaign.vehicles.autonomy import Autonomy, AutonomyFactory
+from wil_campaign.worlds.files.documents import Document, Problem, closest
 
 _METHODS = ("perceive", "act")
 
@@ -25,13 +28,43 @@ class ShippedAutonomy:
     factory: AutonomyFactory
 
 
+class ForeignAutonomy(ABC):
+    """An autonomy that is no class of Python, by a plugin; picklable, a base."""
+
+    __slots__ = ()
+
+    @property
+    @abstractmethod
+    def kind(self) -> str:
+        """Return its key of `autonomy` in a campaign, which is its noun as well."""
+
+    @property
+    @abstractmethod
+    def text(self) -> str:
+        """Return what it is in messages, as "the program python3"."""
+
+    @property
+    def needs_wall_clock(self) -> bool:
+        """Return whether it runs in real time: no time waits for it."""
+        return True
+
+    @property
+    def is_shared(self) -> bool:
+        """Return whether there is one of it, which all runs share."""
+        return True
+
+    @abstractmethod
+    def problems(self, campaign: Document, folder: Path) -> list[Problem]:
+        """Return what is wrong with it. folder: to which its files are relative."""
+
+
 @dataclass(frozen=True, slots=True)
 class UnderTest:
     """The autonomy under test as a campaign configures it; picklable.
 
-    use: as in the file; None for a program. folder: to which a file in `use` is relative, and in
-    which a program runs. goal: what the autonomy receives of it. rate_hz: of its actions. program:
-    command and arguments. limits: of memory and time.
+    use: as in the file; None for a foreign one. folder: to which files are relative, and in which a
+    foreign one runs. goal: what the autonomy receives of it. rate_hz: of its actions. foreign: one
+    that is no class of Python. limits: of memory and time.
     """
 
     use: str | None
@@ -39,18 +72,33 @@ class UnderTest:
     rate_hz: float
     parameters: Mapping[str, object] = field(default_factory=dict)
     goal: Mapping[str, float | str] = field(default_factory=dict)
-    program: tuple[str, ...] | None = None
+    foreign: ForeignAutonomy | None = None
     limits: AutonomyLimits = field(default_factory=AutonomyLimits)
 
-    def build(self, seed: int) -> Autonomy:
+    @property
+    def has_runner(self) -> bool:
+        """Return whether a plugin's runner flies it; the run calls any other autonomy."""
+        return self.foreign is not None and added(autonomy_kinds)[self.foreign.kind].runner != ""
+
+    @property
+    def code_folder(self) -> Path | None:
+        """Return the folder of the user's file; None for a shipped autonomy or a foreign one."""
+        if self.use is None or not is_reference(self.use):
+            return None
+        return (self.folder / self.use.rpartition(":")[0]).resolve().parent
+
+    def build(self, seed: int, parameters: dict[str, object] | None = None) -> Autonomy:
         """Return a new autonomy under test for one vehicle of one run.
 
+        parameters: what it is given in place of a copy of its own ones, equal to them.
         Raises BadReferenceError when it cannot be found, and whatever its constructor raises.
         """
         if self.use is None:
-            raise BadReferenceError("a program is started, not built")
+            kind = "foreign autonomy" if self.foreign is None else self.foreign.kind
+            raise BadReferenceError(f"a {kind} is started, not built")
         factory = find_autonomy(self.use, self.folder)
-        return factory(goal=dict(self.goal), parameters=dict(self.parameters), seed=seed)
+        given = dict(self.parameters) if parameters is None else parameters
+        return factory(goal=dict(self.goal), parameters=given, seed=seed)
 
 
 def find_autonomy(use: str, folder: Path) -> AutonomyFactory:
@@ -66,11 +114,11 @@ def find_autonomy(use: str, folder: Path) -> AutonomyFactory:
 
 
 def shipped_autonomies() -> tuple[ShippedAutonomy, ...]:
-    """Return the autonomies of campaigns.autonomies: public classes that perceive and act."""
-    package = importlib.import_module("campaigns.autonomies")
+    """Return the autonomies of campaigns/autonomies: public classes that perceive and act."""
+    package = importlib.import_module("wil_campaign.campaigns.autonomies")
     found: list[ShippedAutonomy] = []
     for info in sorted(pkgutil.iter_modules(package.__path__), key=lambda info: info.name):
-        module = importlib.import_module(f"campaigns.autonomies.{info.name}")
+        module = importlib.import_module(f"wil_campaign.campaigns.autonomies.{info.name}")
         for name, value in sorted(vars(module).items()):
             own = inspect.isclass(value) and value.__module__ == module.__name__
             if own and not name.startswith("_") and _lacks(value) == "":

@@ -4,13 +4,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from campaigns.schema.bench import OF_VEHICLE, BenchPart, PropertyValue
-from campaigns.schema.vehicles import VehiclesPart
-from campaigns.setup.case_files import fence_files
-from campaigns.setup.vehicle_fences import Drawing, fences_of
-from campaigns.setup.vehicle_setups import VehicleSetup, vehicle_setups
-from worlds.files.documents import BadInput, Document, Problem, check, load
-from worlds.files.problems import printable
+from wil_campaign.campaigns.schema.bench import OF_VEHICLE, BenchPart, PropertyValue
+from wil_campaign.campaigns.schema.vehicles import VehiclesPart
+from wil_campaign.campaigns.setup.case_files import fence_files
+from wil_campaign.campaigns.setup.vehicle_fences import Drawing, fences_of
+from wil_campaign.campaigns.setup.vehicle_setups import VehicleSetup, vehicle_setups
+from wil_campaign.worlds.files.documents import BadInput, Document, Problem, check, load
+from wil_campaign.worlds.files.problems import printable
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,12 +9,13 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from campaigns.schema.bench import BenchRequestPart, PropertyValue
-from campaigns.setup.bench_file import Bench, BenchFacts, in_file
-from worlds.files.documents import BadInput, Document, Entry, Problem, check, closest
-from worlds.files.documents import Path as KeyPath
-from worlds.files.problems import printable
-from worlds.files.yaml_nodes import Data, Node, mapping_node, plain
+from wil_campaign.campaigns.schema.bench import BenchRequestPart, PropertyValue
+from wil_campaign.campaigns.setup.bench_file import Bench, BenchFacts, in_file
+from wil_campaign.worlds.files.documents import BadInput, Document, Entry, Problem, check, closest
+from wil_campaign.worlds.files.documents import Path as KeyPath
+from wil_campaign.worlds.files.paths import expanded
+from wil_campaign.worlds.files.problems import printable
+from wil_campaign.worlds.files.yaml_nodes import Data, Node, mapping_node, plain
 
 BENCH: KeyPath = ("bench",)
 _TAKEN: tuple[KeyPath, ...] = (("vehicles", "real"), ("geofence",))
@@ -213,7 +214,7 @@ def _absolute(node: Node, path: KeyPath, folder: Path) -> Node:
         return mapping_node(inner, node.place)
     if not (isinstance(node.value, str) and _names_file(path, node.value)):
         return node
-    return Node(str((folder / Path(node.value).expanduser()).absolute()), node.place)
+    return Node(str((folder / expanded(Path(node.value))).absolute()), node.place)
 
 
 def _names_file(path: KeyPath, text: str) -> bool:

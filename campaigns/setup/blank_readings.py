@@ -2,9 +2,14 @@
 
 import numpy as np
 
-from campaigns.values.sensor_setups import CameraSetup, DepthSetup, LidarSetup, SensorSetup
-from recipes.working import Side
-from vehicles.readings import CameraReading, DepthReading, LidarScanReading, Reading
+from wil_campaign.campaigns.values.sensor_setups import (
+    CameraSetup,
+    DepthSetup,
+    LidarSetup,
+    SensorSetup,
+)
+from wil_campaign.recipes.working import Side
+from wil_campaign.vehicles.readings import CameraReading, DepthReading, LidarScanReading, Reading
 
 
 def blank_reading(sensor: SensorSetup, side: Side) -> Reading | None:

@@ -5,9 +5,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from campaigns.setup.overrides import OVERRIDDEN_FILES, Override, apply_overrides
-from recipes.language.recipe_files import load_recipe_document
-from worlds.files.documents import (
+from wil_campaign.campaigns.setup.overrides import OVERRIDDEN_FILES, Override, apply_overrides
+from wil_campaign.recipes.language.recipe_files import load_recipe_document
+from wil_campaign.safety.fence.fence_files import load_fence_file
+from wil_campaign.worlds.files.documents import (
     BadInput,
     Data,
     Document,
@@ -16,10 +17,10 @@ from worlds.files.documents import (
     load,
     parse_value,
 )
-from worlds.files.documents import Path as DocumentPath
-from worlds.files.paths import exists, is_folder
+from wil_campaign.worlds.files.documents import Path as DocumentPath
+from wil_campaign.worlds.files.paths import exists, is_folder
 
-_SUFFIXES = frozenset({".yaml", ".yml", ".plan", ".json", ".geojson", ".xml"})
+_SUFFIXES = frozenset({".yaml", ".yml", ".plan", ".waypoints", ".json", ".geojson", ".xml"})
 """Of files that a campaign may name."""
 
 
@@ -103,14 +104,14 @@ def fence_files(campaign: Document, problems: list[Problem]) -> dict[str, Docume
     """Return the files that a geofence names, by their names there; problems are collected."""
     found: dict[str, Document] = {}
     for place in (("geofence",), ("geofence", "real"), ("geofence", "twin")):
-        document = _named_file(campaign, (*place, "file"), problems, json=True)
+        document = _named_file(campaign, (*place, "file"), problems, is_fence=True)
         if document is not None:
             found[str(campaign.get((*place, "file")))] = document
     return found
 
 
 def _named_file(
-    campaign: Document, key: DocumentPath, problems: list[Problem], *, json: bool = False
+    campaign: Document, key: DocumentPath, problems: list[Problem], *, is_fence: bool = False
 ) -> Document | None:
     """Return the case's file named at a path of the campaign; None without one."""
     text = campaign.get(key)
@@ -125,7 +126,7 @@ def _named_file(
     try:
         if key == ("recipe",):
             return load_recipe_document(path, name)
-        return load(path, name=name, json=json)
+        return load_fence_file(path, name) if is_fence else load(path, name=name)
     except BadInput as error:
         problems += error.problems
         return None

@@ -4,23 +4,24 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from campaigns.schema import Mode, PreflightPart, RecordPart, VehicleName
-from campaigns.setup.actor_setups import ActorSetup
-from campaigns.setup.autonomy_under_test import UnderTest
-from campaigns.setup.link_setups import LinkSetup
-from campaigns.setup.vehicle_setups import FlownSetup, VehicleSetup
-from campaigns.values.external_setups import ExternalSetup
-from campaigns.values.sensor_setups import CameraSetup, SensorSetup
-from campaigns.values.signal_faults import SignalFault
-from recipes.model.recipe import Recipe
-from safety.evaluation.judge import OracleUse
-from safety.fence.geofence import Fence
-from safety.guard.core.events import GuardSettings
-from safety.guard.core.setpoint_limits import SetpointLimits
-from vehicles.coupling import LIMITS_M
-from worlds.files.documents import Path
-from worlds.frames import Vec3
-from worlds.world_file.world import World
+from wil_campaign.campaigns.schema import Mode, PreflightPart, RecordPart, VehicleName
+from wil_campaign.campaigns.setup.actor_setups import ActorSetup
+from wil_campaign.campaigns.setup.autonomy_under_test import UnderTest
+from wil_campaign.campaigns.setup.case_files import CaseFiles
+from wil_campaign.campaigns.setup.link_setups import LinkSetup
+from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup, VehicleSetup
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, SensorSetup
+from wil_campaign.campaigns.values.signal_faults import SignalFault
+from wil_campaign.recipes.model.recipe import Recipe
+from wil_campaign.safety.evaluation.judge import OracleUse
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.events import GuardSettings
+from wil_campaign.safety.guard.core.setpoint_limits import SetpointLimits
+from wil_campaign.vehicles.command_backends import OWN_FRAMES
+from wil_campaign.vehicles.coupling import LIMITS_M
+from wil_campaign.worlds.files.documents import Path, Problem
+from wil_campaign.worlds.frames import Vec3
+from wil_campaign.worlds.world_file.world import World
 
 _USUAL = GuardSettings()
 
@@ -80,18 +81,40 @@ class GuardingSetup:
     braking_m_s2: float = _USUAL.braking_m_s2
 
 
+class ObserverSetup:
+    """The setup of a plugin's observer of runs, by its key of the campaign; picklable, a base."""
+
+    __slots__ = ()
+
+    @property
+    def feeds_autopilots(self) -> bool:
+        """Return whether the autopilots themselves get what is mixed."""
+        return False
+
+    def problems(self, _files: CaseFiles, _setup: "Setup", _mode: Mode, /) -> Iterator[Problem]:
+        """Yield what is wrong with a case in one mode. _setup: of the whole case."""
+        yield from ()
+
+    def needing_wall_clock(self) -> Iterator[tuple[Path, str]]:
+        """Yield sockets and devices, shared by all runs: the path in the campaign, the name."""
+        yield from ()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
     """The complete setup of one case.
 
-    actors: vehicles that fly as objects of the world, by the object's name.
+    actors: vehicles that fly as objects of the world, by the object's name. observers: of its runs,
+    by their keys of the campaign.
     recipe: None where no mode mixes. fences: of the vehicles and actors that have one; guarding:
     how the guard keeps them. limits: of setpoints; None for none. links: those with impairments.
     faults: injected into signals.
     collision_always: whether contacts are judged even without the oracle `collision`.
-    unsigned_commands: whether operators command by MQTT without a signature.
+    firmware: versions that `accept` requires, by vehicle.
+    permits: what it permits operators that is unsafe, in words, by the key and its value.
     gcs: link strings of ground station ports. speed: of the scaled clock, where no launched
     simulation has one of its own; None where the campaign says none.
+    unread: keys of `autonomy.with` that the autonomy never read, each with the one probably meant.
     """
 
     vehicles: Mapping[VehicleName, VehicleSetup]
@@ -108,12 +131,14 @@ class Setup:
     preflight: PreflightPart = field(default_factory=PreflightPart)
     record: RecordPart = field(default_factory=RecordPart)
     guarding: GuardingSetup = GuardingSetup()
-    outside: ExternalSetup = field(default_factory=ExternalSetup)
+    observers: Mapping[str, ObserverSetup] = field(default_factory=dict)
     limits: SetpointLimits | None = None
     gcs: Mapping[str, str] = field(default_factory=dict)
     speed: float | None = None
     collision_always: bool = True
-    unsigned_commands: bool = False
+    firmware: Mapping[str, str] = field(default_factory=dict)
+    permits: Mapping[str, str] = field(default_factory=dict)
+    unread: Mapping[str, str] = field(default_factory=dict)
 
     def flying(self, mode: Mode) -> tuple[VehicleName, ...]:
         """Return the vehicles that fly in a mode, the subject first; a placed twin does not."""
@@ -145,8 +170,11 @@ class Setup:
     def needing_wall_clock(self) -> Iterator[tuple[Path, str]]:
         """Yield what in this case needs the wall clock: its path in the campaign, its name."""
         for name, vehicle in self.vehicles.items():
-            if vehicle.driver == "mavsdk":
-                yield ("vehicles", name, "driver"), f"the driver mavsdk of {name}"
+            if vehicle.driver != OWN_FRAMES:
+                yield ("vehicles", name, "driver"), f"the driver {vehicle.driver} of {name}"
+        foreign = self.under_test.foreign
+        if foreign is not None and foreign.needs_wall_clock and not foreign.is_shared:
+            yield ("autonomy", foreign.kind), foreign.text
         yield from self.shared_by_runs()
 
     def shared_by_runs(self) -> Iterator[tuple[Path, str]]:
@@ -162,8 +190,10 @@ class Setup:
                 if source.needs_wall_clock:
                     path = ("vehicles", name, "sensors", sensor.name, "source")
                     yield path, f"the {sensor.kind} at {source.address}"
-        if self.under_test.program is not None:
-            yield ("autonomy", "program"), f"the program {self.under_test.program[0]}"
+        foreign = self.under_test.foreign
+        if foreign is not None and foreign.needs_wall_clock and foreign.is_shared:
+            yield ("autonomy", foreign.kind), foreign.text
         for owner, link in self.gcs.items():
             yield ("operator", "gcs", owner), f"the ground station at {link}"
-        yield from self.outside.needing_wall_clock()
+        for observer in self.observers.values():
+            yield from observer.needing_wall_clock()

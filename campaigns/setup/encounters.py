@@ -7,12 +7,12 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from campaigns.schema import Mode
-from campaigns.setup.actor_setups import ActorSetup
-from campaigns.setup.case_setup import Setup
-from campaigns.setup.vehicle_setups import FlownSetup, VehicleSetup
-from safety.fence.geofence import Fence
-from safety.fence.separation import moved, separation_m
+from wil_campaign.campaigns.schema import Mode
+from wil_campaign.campaigns.setup.actor_setups import ActorSetup
+from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup, VehicleSetup
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.fence.separation import moved, separation_m
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,19 +1,17 @@
-"""Setups of external I/O: sensor sources, calibration files, deliveries and external programs."""
+"""Setups of external I/O: sensor sources, calibration files."""
 
 import os
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
-from campaigns.schema import CameraPart, CampaignPart, VehicleName, VehiclePart
-from campaigns.schema.calibration import CalibrationPart, read_calibration
-from campaigns.schema.sources import SourcedPart
-from campaigns.values.external_setups import ExternalSetup
-from campaigns.values.sensor_setups import CameraSetup, SensorSetup, SourcedSetup
-from worlds.camera import CameraMount
-from worlds.files.documents import BadInput, Document, KeyFaultError, Problem, load
-from worlds.files.documents import Path as KeyPath
-from worlds.files.paths import exists, is_file
+from wil_campaign.campaigns.schema import CameraPart, VehicleName, VehiclePart
+from wil_campaign.campaigns.schema.calibration import CalibrationPart, read_calibration
+from wil_campaign.campaigns.schema.sources import SourcedPart
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, SensorSetup, SourcedSetup
+from wil_campaign.worlds.camera import CameraMount
+from wil_campaign.worlds.files.documents import BadInput, Document, KeyFaultError, Problem, load
+from wil_campaign.worlds.files.documents import Path as KeyPath
+from wil_campaign.worlds.files.paths import exists
 
 
 def sensor_setups(
@@ -102,50 +100,6 @@ def _calibration(
         problems.append(campaign.problem(at, message))
         return None
     return found
-
-
-def external_setup(
-    campaign: Document, part: CampaignPart, problems: list[Problem]
-) -> ExternalSetup:
-    """Return the external deliveries and injections of a case.
-
-    A delivery without a camera's name is a problem where there are several cameras.
-    """
-    cameras = sorted(
-        {
-            name
-            for vehicle in (part.vehicles.real, part.vehicles.twin)
-            for name, sensor in (vehicle.sensors.items() if vehicle is not None else ())
-            if isinstance(sensor, CameraPart)
-        }
-    )
-    outlets = []
-    for index, one in enumerate(part.deliver):
-        if one.sensor is None and len(cameras) != 1:
-            there = ", ".join(cameras) or "none"
-            message = f"name the camera by `sensor` (there are: {there})"
-            problems.append(campaign.problem(("deliver", index), message))
-        outlets.append(one.outlet(cameras[0] if cameras else ""))
-    return ExternalSetup(
-        outlets=tuple(outlets),
-        injections=part.inject.setups(),
-        ground_station=part.ground_station,
-    )
-
-
-def program_problems(campaign: Document, command: tuple[str, ...], folder: Path) -> list[Problem]:
-    """Return the problem of an external program that is missing or not executable."""
-    program = command[0]
-    found = folder / program if "/" in program else shutil.which(program)
-    path = ("autonomy", "program", 0)
-    if found is None:
-        return [campaign.problem(path, f"there is no program '{program}' in PATH")]
-    if not is_file(Path(found)):
-        return [campaign.problem(path, f"there is no file '{program}' beside the campaign")]
-    if not os.access(found, os.X_OK):
-        message = f"'{program}' is not executable: chmod +x it, or name its interpreter before it"
-        return [campaign.problem(path, message)]
-    return []
 
 
 def _folder(campaign: Document) -> Path:

@@ -2,12 +2,17 @@
 
 from collections.abc import Iterator, Mapping
 
-from campaigns.schema.faults import FaultsPart, MomentPart, SignalFaultPart, VehicleFaultsPart
-from campaigns.schema.vehicles import VehicleName
-from campaigns.setup.vehicle_setups import VehicleSetup
-from campaigns.values.signal_faults import SignalFault
-from vehicles.faults import FaultKind
-from worlds.files.documents import Document, Path, Problem, closest
+from wil_campaign.campaigns.schema.faults import (
+    FaultsPart,
+    MomentPart,
+    SignalFaultPart,
+    VehicleFaultsPart,
+)
+from wil_campaign.campaigns.schema.vehicles import VehicleName
+from wil_campaign.campaigns.setup.vehicle_setups import VehicleSetup
+from wil_campaign.campaigns.values.signal_faults import SignalFault
+from wil_campaign.vehicles.faults import FaultKind
+from wil_campaign.worlds.files.documents import Document, Path, Problem, closest
 
 
 def fault_setups(

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from campaigns.schema.links import FlightStage, LinkPart, WayPart
-from vehicles.links.impairment import Impairment, LinkOutage
+from wil_campaign.campaigns.schema.links import FlightStage, LinkPart, WayPart
+from wil_campaign.vehicles.links.impairment import Impairment, LinkOutage
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

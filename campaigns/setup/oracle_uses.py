@@ -2,11 +2,13 @@
 
 import re
 
-from safety.evaluation.judge import OracleUse
-from safety.model.verdict import PARTS
-from safety.oracles import registry
-from worlds.files.documents import BadInput, Document, Entry, Problem, check, closest
-from worlds.files.yaml_nodes import mapping_node
+from wil_campaign.hooks import oracles
+from wil_campaign.installed_plugins import absent
+from wil_campaign.safety.evaluation.judge import OracleUse
+from wil_campaign.safety.model.verdict import PARTS
+from wil_campaign.safety.oracles.registry import oracle_kinds, own_keys
+from wil_campaign.worlds.files.documents import BadInput, Document, Entry, Problem, check, closest
+from wil_campaign.worlds.files.yaml_nodes import mapping_node
 
 _WORDS = re.compile("[./]")
 
@@ -14,9 +16,10 @@ _WORDS = re.compile("[./]")
 def oracle_uses(campaign: Document) -> tuple[tuple[OracleUse, ...], list[Problem]]:
     """Return the oracles that a campaign uses with their parameters, and their problems.
 
-    `name: {parameters}`; a name that is no kind of oracle gives its kind as `use`, or has a
-    formula as `stl`. A value that is no mapping is left to the schema's check.
+    `name: {parameters}`; a name that is no kind of oracle gives its kind as `use`, or by a key of
+    that kind alone (`stl`). A value that is no mapping is left to the schema's check.
     """
+    oracle_kinds()  # a plugin that cannot be used is no problem of each oracle
     uses: list[OracleUse] = []
     problems: list[Problem] = []
     try:
@@ -39,14 +42,17 @@ def _use(campaign: Document, name: str, entry: Entry) -> OracleUse:
             [entry.key.problem(f"{message}the oracle another name, and its kind as `use`")]
         )
     value = entry.node.value if isinstance(entry.node.value, dict) else {}
-    usual = "stl" if "stl" in value else name
+    keys = {**dict.fromkeys(absent(oracles)), **own_keys()}
+    usual = next((keys[key] or key for key in keys if key in value), name)
     kind = value["use"].node.value if "use" in value else usual
-    if not isinstance(kind, str) or kind not in registry:
+    if not isinstance(kind, str) or kind not in oracle_kinds():
         place = value["use"].node.place if "use" in value else entry.key
-        known = ", ".join(sorted(registry))
-        meant = closest(str(kind), registry)
+        if why := absent(oracles).get(str(kind)):
+            raise BadInput([place.problem(why)])
+        known = ", ".join(sorted(oracle_kinds()))
+        meant = closest(str(kind), oracle_kinds())
         message = f"unknown oracle '{kind}'" + ("" if meant else f" (known: {known})")
         raise BadInput([place.problem(message, meant)])
     rest = {key: inner for key, inner in value.items() if key != "use"}
     parameters = Document(campaign.path, mapping_node(rest, entry.key))
-    return OracleUse(name, kind, check(parameters, registry[kind].parameters))
+    return OracleUse(name, kind, check(parameters, oracle_kinds()[kind].parameters))

@@ -3,8 +3,15 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from campaigns.schema import MATRIX_KEYS
-from worlds.files.documents import BadInput, Document, Entry, Path, Problem, parse_value
+from wil_campaign.campaigns.schema import matrix_keys
+from wil_campaign.worlds.files.documents import (
+    BadInput,
+    Document,
+    Entry,
+    Path,
+    Problem,
+    parse_value,
+)
 
 OVERRIDDEN_FILES = ("world", "recipe")
 """The files of a case that an override changes beside the campaign, by its first key."""
@@ -54,7 +61,7 @@ def overrides_at(campaign: Document, path: Path) -> tuple[Override, ...]:
     problems = [
         override.entry.key.problem(f"'{override.dotted_key}' is the same for all cases")
         for override in found
-        if override.dotted_key.partition(".")[0] in MATRIX_KEYS
+        if override.dotted_key.partition(".")[0] in matrix_keys()
     ]
     if problems:
         raise BadInput(problems)

@@ -2,14 +2,14 @@
 
 from dataclasses import replace
 
-from campaigns.schema import Mode, VehicleName
-from campaigns.setup.blank_readings import blank_reading
-from campaigns.setup.case_setup import Setup
-from campaigns.values.sensor_setups import CameraSetup, SensorSetup
-from recipes.model.recipe import Combination, Recipe
-from recipes.pipeline.shape_check import blank_mixture
-from recipes.working import SIDES
-from vehicles.readings import CameraReading
+from wil_campaign.campaigns.schema import Mode, VehicleName
+from wil_campaign.campaigns.setup.blank_readings import blank_reading
+from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, SensorSetup
+from wil_campaign.recipes.model.recipe import Combination, Recipe
+from wil_campaign.recipes.pipeline.shape_check import blank_mixture
+from wil_campaign.recipes.working import SIDES
+from wil_campaign.vehicles.readings import CameraReading
 
 
 def perceived_cameras(setup: Setup, mode: Mode, vehicle: VehicleName) -> tuple[CameraSetup, ...]:

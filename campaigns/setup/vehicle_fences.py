@@ -3,14 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from campaigns.schema import VEHICLES, GeofencePart, VehicleName
-from safety.fence.areas import FenceError
-from safety.fence.fence_files import read_fence_file
-from safety.fence.fence_schema import FencePart
-from safety.fence.geofence import Fence, require_few_corners
-from safety.fence.geographic import DrawnFence
-from worlds.files.documents import BadInput, Document, Path, Problem, check
-from worlds.geodesy import LocalFrame
+from wil_campaign.campaigns.schema import VEHICLES, GeofencePart, VehicleName
+from wil_campaign.safety.fence.areas import FenceError
+from wil_campaign.safety.fence.fence_files import is_fence_file, read_fence_file
+from wil_campaign.safety.fence.fence_schema import FencePart
+from wil_campaign.safety.fence.geofence import Fence, require_few_corners
+from wil_campaign.safety.fence.geographic import DrawnFence
+from wil_campaign.worlds.files.documents import BadInput, Document, Path, Problem, check
+from wil_campaign.worlds.geodesy import LocalFrame
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ def changed_fences(
     GeoJSON, for every vehicle that has a fence at present, which keeps its floor and ceiling.
     Raises BadInput with every problem.
     """
-    if document.get(("fileType",)) is not None or isinstance(document.get(("type",)), str):
+    if is_fence_file(document):
         return _redrawn(document, frame, present)
     part = check(document, GeofencePart)
     problems = [

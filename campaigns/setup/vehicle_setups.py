@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from campaigns.schema.actors import ActorPart
-from campaigns.schema.sources import SourcedPart
-from campaigns.schema.vehicles import (
+from wil_campaign.campaigns.schema.actors import ActorPart
+from wil_campaign.campaigns.schema.sources import SourcedPart
+from wil_campaign.campaigns.schema.vehicles import (
     VEHICLES,
     ArduPilotLaunchPart,
     LaunchPart,
@@ -20,8 +20,8 @@ from campaigns.schema.vehicles import (
     VehiclePart,
     VehiclesPart,
 )
-from campaigns.setup.external_reader import sensor_setups
-from campaigns.values.external_setups import (
+from wil_campaign.campaigns.setup.external_reader import sensor_setups
+from wil_campaign.campaigns.values.external_setups import (
     CAPTURED,
     ESTIMATED,
     SIMULATED,
@@ -30,27 +30,30 @@ from campaigns.values.external_setups import (
     PoseSource,
     ReadingSourceSetup,
 )
-from campaigns.values.sensor_setups import CameraSetup, SensorSetup, SourcedSetup
-from vehicles.autopilots.autopilot import AutopilotName, MessageRate, TelemetryRates
-from vehicles.autopilots.registry import autopilot_named
-from vehicles.command_backends import DriverName
-from vehicles.coupling import Coupling
-from vehicles.embedded.autopilot.known_parameters import known_parameters
-from vehicles.embedded.physics.airframe import Airframe
-from vehicles.embedded.physics.contact_world import body_of
-from vehicles.embedded.profile import ProfileError, load_profile
-from vehicles.launch.ardupilot import ArduPilotLaunch
-from vehicles.launch.launch_plan import LaunchError
-from vehicles.launch.px4 import Px4Launch
-from vehicles.links.link_conditions import KeySource
-from vehicles.links.link_strings import LinkAddress, parse_link
-from vehicles.mavlink.names import message_number
-from vehicles.telemetry_fit import RadioTooSlowError, fitted
-from worlds.files.documents import BadInput, Document, KeyFaultError, Problem, closest
-from worlds.files.documents import Path as KeyPath
-from worlds.files.paths import exists
-from worlds.frames import Pose
-from worlds.scene.parts import BoxShape
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, SensorSetup, SourcedSetup
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, MessageRate, TelemetryRates
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.command_backends import OWN_FRAMES
+from wil_campaign.vehicles.coupling import Coupling
+from wil_campaign.vehicles.embedded.autopilot.known_parameters import (
+    known_parameters,
+    unused_parameters,
+)
+from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.vehicles.embedded.physics.contact_world import body_of
+from wil_campaign.vehicles.embedded.profile import ProfileError, load_profile
+from wil_campaign.vehicles.launch.ardupilot import ArduPilotLaunch
+from wil_campaign.vehicles.launch.launch_plan import LaunchError
+from wil_campaign.vehicles.launch.px4 import Px4Launch
+from wil_campaign.vehicles.links.link_conditions import KeySource
+from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
+from wil_campaign.vehicles.mavlink.names import message_number
+from wil_campaign.vehicles.telemetry_fit import RadioTooSlowError, fitted
+from wil_campaign.worlds.files.documents import BadInput, Document, KeyFaultError, Problem, closest
+from wil_campaign.worlds.files.documents import Path as KeyPath
+from wil_campaign.worlds.files.paths import exists, expanded
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.parts import BoxShape
 
 SitlLaunch = ArduPilotLaunch | Px4Launch
 VehicleLink = Literal["embedded"] | LinkAddress | SitlLaunch
@@ -75,6 +78,7 @@ class FlownSetup:
     `load_profile`: a name, or an absolute path. params: autopilot parameters by name. start: where
     it stands, world frame. signing: the source of its key. rates: of telemetry, as its slowest
     radio carries them. spares: further links of an attached one.
+    permits_dead_reckoning: whether its flight goes on where nothing holds its position any more.
     """
 
     name: str
@@ -83,12 +87,13 @@ class FlownSetup:
     profile: str
     start: Pose
     system_id: int
-    driver: DriverName = "mavlink"
+    driver: str = OWN_FRAMES
     pose_source: PoseSource = "mavlink"
     params: Mapping[str, float] = field(default_factory=dict)
     signing: KeySource | None = None
     rates: TelemetryRates = field(default_factory=TelemetryRates)
     spares: tuple[LinkAddress, ...] = ()
+    permits_dead_reckoning: bool = False
 
     @property
     def path(self) -> KeyPath:
@@ -213,6 +218,7 @@ def _vehicle(
         max_gap_s=part.telemetry.max_gap_s,
         spares=tuple(parse_link(one) for one in part.spare_links),
         coupling=part.coupling,
+        permits_dead_reckoning=part.permit_dead_reckoning,
         body=EMBEDDED_BODY if part.body is None else part.body.shape(),
     )
 
@@ -233,6 +239,17 @@ def unknown_parameters(
             message = f"the embedded {autopilot} has no parameter '{parameter}'"
             path = (*at, "params", parameter)
             yield campaign.problem(path, message, closest(parameter, known), key=True)
+
+
+def unused_settings(
+    campaign: Document, at: KeyPath, autopilot: AutopilotName, params: Mapping[str, float]
+) -> Iterator[Problem]:
+    """Yield warnings for `params` on which the embedded autopilot does not act; at: its place."""
+    unused = unused_parameters(autopilot)
+    for parameter, value in params.items():
+        if parameter in unused and value != unused[parameter]:
+            message = f"the embedded {autopilot} carries '{parameter}', and nothing acts on it"
+            yield campaign.problem((*at, "params", parameter), message, key=True)
 
 
 def link_of(
@@ -327,7 +344,7 @@ def _launch(folder: Path, part: ArduPilotLaunchPart | Px4LaunchPart) -> SitlLaun
 
 def _beside(folder: Path, text: str) -> Path:
     """Return a vehicle file's path relative to the campaign's folder, or to the home by ~."""
-    return (folder / Path(text).expanduser()).absolute()
+    return (folder / expanded(Path(text))).absolute()
 
 
 def key_source_of(campaign: Document, part: SigningPart | None) -> KeySource | None:

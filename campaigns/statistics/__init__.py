@@ -1,1 +1,1 @@
-"""Statistics of flights: proportions, exact tests, intervals by resampling, sequential tests."""
+"""Statistics of flights: proportions with their intervals, and the sequential test."""

@@ -25,7 +25,7 @@ def clopper_pearson(passed: int, flown: int, *, confidence: float = 0.95) -> Int
         raise ValueError(f"the confidence must be between 0 and 1, is {confidence}")
     if flown == 0:
         return None
-    from scipy.special import betaincinv  # noqa: PLC0415 - takes half a second
+    from scipy.special import betaincinv
 
     tail, failed = (1.0 - confidence) / 2.0, flown - passed
     low = float(betaincinv(passed, failed + 1, tail)) if passed else 0.0

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from campaigns.statistics.sequential_test import SequentialTest
+from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
 
 _OF = re.compile(r"\s*([0-9]{1,6})\s*/\s*([0-9]{1,6})\s*")
 

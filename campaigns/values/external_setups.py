@@ -1,11 +1,11 @@
-"""Setups of external I/O: sources of readings, motion capture, image outlets, injections."""
+"""Setups of external I/O: sources of readings, motion capture."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
-from recipes.working import Side
+from wil_campaign.hooks import sources
+from wil_campaign.installed_plugins import added
 
 SourceKind = Literal["rtsp", "rtp", "v4l2", "simulator", "mcap", "images", "video"]
 ShownAs = Literal["live", "rendered", "file"]
@@ -50,21 +50,23 @@ class SourceSetup:
         return "rendered" if self.renders_on_request else "live"
 
 
-ReadingSourceKind = Literal["mavlink", "zmq", "mcap"]
+OWN_SOURCES = ("mavlink", "zmq", "mcap")
+"""The kinds of sources of readings that the core has; the other kinds are schemes of plugins."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingSourceSetup:
     """An external source of another sensor's readings, which are then not computed here.
 
-    address: `mavlink`, tcp://HOST:PORT of a ZeroMQ publisher, or an absolute path. message: of
+    kind: of OWN_SOURCES, or the scheme of a plugin's. address: `mavlink`, tcp://HOST:PORT of a
+    ZeroMQ publisher, an absolute path, or an address of a plugin's scheme. message: of
     MAVLink, its name; None for the estimate. sensor_id: of MAVLink's sensors; None: any.
     undulation_m: of the geoid above the ellipsoid. name: of the sensor in ZeroMQ messages. topic:
     prefix of ZeroMQ messages, or of an MCAP file. latency_s: sampling to arrival of the quickest.
     open_s, stall_s: how long to wait for the first and each further reading.
     """
 
-    kind: ReadingSourceKind
+    kind: str
     address: str
     message: str | None = None
     sensor_id: int | None = None
@@ -77,36 +79,40 @@ class ReadingSourceSetup:
 
     @property
     def needs_wall_clock(self) -> bool:
-        """Return whether the source runs in real time: a socket other than the vehicle's link."""
-        return self.kind == "zmq"
+        """Return whether the source runs in real time, by another way than the vehicle's link."""
+        return self.shown_as == "live" and self.kind != "mavlink"
 
     @property
     def shown_as(self) -> ShownAs:
         """Return the external source's name in results."""
-        return "file" if self.kind == "mcap" else "live"
+        if self.kind in OWN_SOURCES:
+            return "file" if self.kind == "mcap" else "live"
+        return "file" if added(sources)[self.kind].is_file else "live"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MocapSetup:
     """External motion capture of one vehicle.
 
-    kind, host, port: UDP to bind, ZeroMQ to connect to, or VRPN's server. body: its name there.
+    kind, host, port: UDP to bind, or ZeroMQ to connect to. body: its name in the capture system.
     latency_s: sampling to arrival of the quickest. stall_s: time without a pose in flight after
-    which the run is INVALID. topic: prefix of ZeroMQ messages.
+    which the run is INVALID. topic: prefix of ZeroMQ messages. sender: whose UDP messages are
+    taken, HOST or HOST:PORT; empty for the first.
     """
 
-    kind: Literal["udp", "zmq", "vrpn"]
+    kind: Literal["udp", "zmq"]
     host: str
     port: int
     body: str
     latency_s: float = 0.0
     stall_s: float = 0.5
     topic: str = ""
+    sender: str = ""
 
     @property
     def address(self) -> str:
         """Return the external motion capture's address as the campaign writes it."""
-        scheme = "tcp" if self.kind == "zmq" else self.kind
+        scheme = "tcp" if self.kind == "zmq" else "udp"
         return f"{scheme}://{self.host}:{self.port}"
 
 
@@ -134,71 +140,3 @@ stamp its time is known to some 10 ms, at 1 m/s and 1 rad/s."""
 ESTIMATED = PoseAccuracy(position_m=1.0, attitude_rad=math.radians(2.0), velocity_m_s=0.1)
 """An autopilot's estimate by satellites and magnetometer; velocity: twice the 0.05 m/s of a u-blox
 M8 receiver (its data sheet, velocity accuracy)."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ImageOutlet:
-    """An external outlet for the images of one camera.
-
-    of: the image that a vehicle perceives, or the unmixed one of a vehicle. vehicle: whose; None:
-    the judged one's. address: HOST:PORT, an endpoint to bind, or a device.
-    """
-
-    kind: Literal["rtp", "zmq", "v4l2"]
-    address: str
-    sensor: str
-    of: Literal["perceived", "real", "twin"] = "perceived"
-    vehicle: Side | None = None
-    encoding: str = "bgr8"
-    topic: str = "mixed"
-    key_interval_s: float = 1.0
-    max_bit_rate: int | None = None
-
-    @property
-    def name(self) -> str:
-        """Return the outlet's name in messages ("rtp 127.0.0.1:5600")."""
-        return f"{self.kind} {self.address}"
-
-
-Injected = Literal[
-    "obstacle_distance",
-    "distance_sensor",
-    "adsb_vehicle",
-    "landing_target",
-    "vision_position_estimate",
-    "odometry",
-]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class InjectionSetup:
-    """An injection: a MAVLink message that is sent to the autopilots from outside.
-
-    sensor: whose mixed readings it is made of; objects: whose places it is made of. to: the
-    vehicles that receive it. rate_hz: None for the default of the autopilot.
-    """
-
-    thing: Injected
-    to: tuple[Side, ...]
-    sensor: str | None = None
-    objects: tuple[str, ...] = ()
-    rate_hz: float | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExternalSetup:
-    """All external I/O of a run.
-
-    ground_station: link of a ground station that receives contacts, and RTP streams as a camera's.
-    """
-
-    outlets: tuple[ImageOutlet, ...] = ()
-    injections: tuple[InjectionSetup, ...] = ()
-    ground_station: str | None = None
-
-    def needing_wall_clock(self) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        """Yield external I/O on sockets or devices: its path in the campaign, its name."""
-        for index, outlet in enumerate(self.outlets):
-            yield ("deliver", index), outlet.name
-        if self.ground_station is not None:
-            yield ("ground_station",), f"a ground station at {self.ground_station}"

@@ -6,10 +6,10 @@ source: of external readings; None: readings are computed here.
 from dataclasses import dataclass
 from typing import ClassVar
 
-from campaigns.values.external_setups import ReadingSourceSetup, SourceSetup
-from vehicles.sensors.lidar import GridPattern, ScanPattern
-from worlds.camera import CameraMount, Intrinsics
-from worlds.frames import AT_ORIGIN, Pose
+from wil_campaign.campaigns.values.external_setups import ReadingSourceSetup, SourceSetup
+from wil_campaign.vehicles.sensors.lidar import GridPattern, ScanPattern
+from wil_campaign.worlds.camera import CameraMount, Intrinsics
+from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

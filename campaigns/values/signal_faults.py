@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from vehicles.faults import FaultKind
+from wil_campaign.vehicles.faults import FaultKind
 
 _TEXTS: dict[FaultKind, str] = {"stop": "stops", "freeze": "freezes"}
 

@@ -3,13 +3,17 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from orchestrator.analysis.errors import ResultsFolderError
-from orchestrator.analysis.reading.results_folder import read_campaign
-from orchestrator.analysis.study import Study, read_study
-from orchestrator.model.campaign_results import Summary
-from orchestrator.model.results import Percentiles, RunResult
-from safety.model.oracle_results import OracleResult
+import wil_campaign
+from wil_campaign.orchestrator.model.campaign_results import Summary
+from wil_campaign.orchestrator.model.results import Percentiles, RunResult
+from wil_campaign.orchestrator.reading.errors import ResultsFolderError
+from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.safety.model.oracle_results import OracleResult
+
+if TYPE_CHECKING:
+    from wil_campaign import Study
 
 Row = dict[str, str | float | int | bool | None]
 """A row of a table by column, for pandas.DataFrame(rows) and csv.DictWriter."""
@@ -58,9 +62,9 @@ class CampaignResults:
         flown = (*self.runs, *self.controls)
         return [row for run in flown for row in _oracle_rows(run)]
 
-    def study(self) -> Study:
+    def study(self) -> "Study":
         """Return pass rates, tests between modes, and the gap, as `wil-campaign gap` prints."""
-        return read_study(self.folder, read_campaign(self.folder))
+        return wil_campaign.Study.read(self.folder)
 
 
 def read_results(folder: str | Path, *, exit_code: int | None = None) -> CampaignResults:

@@ -2,37 +2,24 @@
 
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter
 
-from orchestrator.model.clock import Clock
-from orchestrator.model.document_writer import to_json
-from orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
+from wil_campaign.orchestrator.cli.run_selection import Choice
+from wil_campaign.orchestrator.model.document_writer import to_json
+from wil_campaign.orchestrator.model.results import RunResult
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightRequest:
-    """A request to fly a campaign. runs: only these, by name; None for all."""
+    """A request to fly the selected runs of a campaign file."""
 
-    file: str
-    cases: tuple[str, ...]
-    modes: tuple[str, ...]
-    repetitions: int | None
-    seed: int | None
-    sets: tuple[str, ...]
-    runs: tuple[str, ...] | None
-    out: str
-    clock: Clock | None
-    jobs: int | None
-    junit: str | None
-    resume: bool
-    arm: bool
-    arm_real: bool
-    arm_actors: bool
-    engine: str
-    store: str
-    bench_files: tuple[str, ...]
+    file: Path
+    choice: Choice
+    options: FlightOptions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,8 +69,13 @@ def _message_model() -> TypeAdapter[FlightMessage]:
     return TypeAdapter(Annotated[FlightMessage, Field(discriminator="kind")])
 
 
-def encode_line(message: FlightRequest | FlightMessage) -> bytes:
-    """Return a request or a message as a line."""
+def encode_request(request: FlightRequest) -> bytes:
+    """Return a request as a line. Raises ValueError for what JSON has no word for."""
+    return _request_model().dump_json(request) + b"\n"
+
+
+def encode_line(message: FlightMessage) -> bytes:
+    """Return a message as a line."""
     return to_json(message, indent=None).encode("utf-8", "backslashreplace")
 
 

@@ -9,16 +9,11 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Collection
 from contextlib import suppress
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import BinaryIO, Self
 
-from campaigns.expansion.expansion import Campaign, Options
-from campaigns.setup.bench_file import load_benches
-from orchestrator.api.flight_messages import (
+from wil_campaign.orchestrator.api.flight_messages import (
     CampaignEnded,
     CampaignRefused,
     FlightMessage,
@@ -28,19 +23,20 @@ from orchestrator.api.flight_messages import (
     decode_request,
     encode_line,
 )
-from orchestrator.campaign.campaign_runner import CampaignOutcome, fly_campaign
-from orchestrator.campaign.display_thread import DisplayThread
-from orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
-from orchestrator.campaign.resuming.resumption import ResumeError
-from orchestrator.campaign.workers.run_engine import EngineError
-from orchestrator.campaign.workers.run_server import start_run_server
-from orchestrator.cli.arming_consent import RefusedError
-from orchestrator.cli.engine_flight import LOCAL, FlightOrder, ready_flight
-from orchestrator.cli.final_report import write_final_report
-from orchestrator.model.progress import Progress
-from orchestrator.model.results import RunResult
-from orchestrator.operator.errors import OperatingError
-from worlds.files.documents import BadInput
+from wil_campaign.orchestrator.campaign.campaign_runner import CampaignOutcome, fly_campaign
+from wil_campaign.orchestrator.campaign.display_thread import DisplayThread
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
+from wil_campaign.orchestrator.campaign.resuming.resumption import ResumeError
+from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL, EngineError
+from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
+from wil_campaign.orchestrator.cli.arming_consent import RefusedError
+from wil_campaign.orchestrator.cli.engine_flight import ready_flight
+from wil_campaign.orchestrator.cli.final_report import write_final_report
+from wil_campaign.orchestrator.model.progress import Progress
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.operator.errors import OperatingError
+from wil_campaign.safety.guard.process.runtime_folder import RuntimeFolderError
+from wil_campaign.worlds.files.documents import BadInput
 
 
 class MessageWatcher:
@@ -87,8 +83,6 @@ def main() -> int:
     with Path(os.devnull).open("rb") as nothing:
         os.dup2(nothing.fileno(), sys.stdin.fileno())
     request = decode_request(commands.readline())
-    if request.engine == LOCAL:
-        start_run_server()
     threading.Thread(target=_stop_at_end, args=(commands,), daemon=True).start()
     ending = _fly_to_end(request, watcher)
     # All vehicles are down: when the program now closes standard input, nothing is interrupted.
@@ -110,7 +104,7 @@ def _fly_to_end(request: FlightRequest, watcher: MessageWatcher) -> FlightMessag
         outcome = _fly_requested(request, watcher)
     except (RefusedError, EngineError) as error:
         return CampaignRefused(text=str(error), exit_code=error.code)
-    except (BadInput, ResumeError) as error:
+    except (BadInput, ResumeError, RuntimeFolderError) as error:
         return CampaignRefused(text=str(error), exit_code=2)
     except (OutputError, OperatingError, TakenError) as error:
         return CampaignRefused(text=str(error), exit_code=3)
@@ -121,52 +115,12 @@ def _fly_to_end(request: FlightRequest, watcher: MessageWatcher) -> FlightMessag
 
 
 def _fly_requested(request: FlightRequest, watcher: MessageWatcher) -> CampaignOutcome:
-    options = Options(
-        cases=request.cases,
-        modes=request.modes,
-        repetitions=request.repetitions,
-        seed=request.seed,
-        sets=request.sets,
-        is_autonomy_isolated=True,
-        benches=load_benches(map(Path, request.bench_files)),
-    )
-    order = FlightOrder(
-        file=Path(request.file),
-        options=options,
-        out=Path(request.out),
-        junit=None if request.junit is None else Path(request.junit),
-        engine=request.engine,
-        store=request.store,
-        clock=request.clock,
-        jobs=request.jobs,
-        resume=request.resume,
-        arm=request.arm,
-        arm_real=request.arm_real,
-        arm_actors=request.arm_actors,
-        select=partial(_requested_runs, request),
-    )
+    if request.options.engine == LOCAL:
+        start_run_server()  # it imports while the campaign is read
+    ready = ready_flight(request.file, request.choice.options(), request.options)
     # A program that is slow to read the messages must not keep its campaign from landing.
-    with DisplayThread(watcher) as thread, ready_flight(order) as (campaign, settings):
-        return fly_campaign(campaign, settings, thread)
-
-
-def _requested_runs(request: FlightRequest, campaign: Campaign) -> Campaign:
-    """Return a campaign with the requested runs. Raises RefusedError for one that it lacks."""
-    if request.runs is None:
-        return campaign
-    known = {plan.name for plan in campaign.plans}
-    if unknown := [name for name in request.runs if name not in known]:
-        raise RefusedError(f"the campaign has no run '{unknown[0]}'", 2)
-    return only_runs(campaign, frozenset(request.runs))
-
-
-def only_runs(campaign: Campaign, names: Collection[str]) -> Campaign:
-    """Return a campaign with only some of its runs and controls; `left_out` counts the others."""
-    runs = tuple(plan for plan in campaign.runs if plan.name in names)
-    controls = tuple(plan for plan in campaign.controls if plan.name in names)
-    missing = len(campaign.plans) - len(runs) - len(controls)
-    left_out = (f"{missing} of {len(campaign.plans)} runs and controls",) if missing else ()
-    return replace(campaign, runs=runs, controls=controls, left_out=(*campaign.left_out, *left_out))
+    with DisplayThread(watcher) as thread, ready as (campaign, cleared):
+        return fly_campaign(campaign, request.options, cleared, thread)
 
 
 if __name__ == "__main__":

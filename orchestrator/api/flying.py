@@ -4,16 +4,17 @@ import asyncio
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
-from campaigns.expansion.expansion import Campaign, Options, requested_bench
-from orchestrator.api.campaign_results import CampaignResults, read_results
-from orchestrator.api.flight_messages import (
+from wil_campaign.campaigns.expansion.expansion import Campaign, Options, requested_bench
+from wil_campaign.orchestrator.api.campaign_results import CampaignResults, read_results
+from wil_campaign.orchestrator.api.flight_messages import (
     CampaignEnded,
     CampaignRefused,
     FlightMessage,
@@ -21,12 +22,13 @@ from orchestrator.api.flight_messages import (
     Message,
     RunFinished,
     decode_message,
-    encode_line,
+    encode_request,
 )
-from orchestrator.api.loading import load
-from orchestrator.cli.engine_flight import LOCAL
-from orchestrator.model.clock import Clock
-from orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.api.loading import load
+from wil_campaign.orchestrator.campaign.flight_options import USUAL, FlightOptions
+from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL
+from wil_campaign.orchestrator.cli.run_selection import ALL, Choice
+from wil_campaign.orchestrator.model.results import RunResult
 
 T = TypeVar("T")
 OnResult = Callable[[RunResult], object]
@@ -46,72 +48,37 @@ class CannotFlyError(Exception):
 
 def run(
     campaign: Campaign | str | Path,
+    options: FlightOptions = USUAL,
     *,
-    out: str | Path = "results",
-    runs: Collection[str] | None = None,
-    clock: Clock | None = None,
-    jobs: int | None = None,
-    resume: bool = False,
-    arm: bool = True,
-    arm_real: bool = False,
-    arm_actors: bool = False,
-    junit: str | Path | None = None,
-    engine: str = LOCAL,
-    store: str = "",
     bench_files: Sequence[str | Path] = (),
     on_result: OnResult | None = None,
     on_message: OnMessage | None = None,
+    **overrides: Any,
 ) -> CampaignResults:
     """Fly a campaign and return its results when the last vehicle is down.
 
-    campaign: a loaded one, or a file. out: the folder beneath which the results go:
-    OUT/<campaign>/<UTC start>. runs: only these, as "case/mode/repetition"; None for all. clock,
-    jobs, resume, arm, arm_real, arm_actors, junit: as the options of `wil-campaign run`, but no
-    person is asked before an attached vehicle is armed. engine: as of --engine; on a bench of a
-    cluster, for which the campaign is given as a file, consent to arm is given on the bench's own
-    terminal. store: as of --store, for results of a cluster where no folder is shared.
-    bench_files: as of `load`, where the campaign is given as a file. on_result: called with the
-    result of each run as it ends; on_message: with sentences for people.
+    campaign: a loaded one, or a file. options, overrides: the fields of FlightOptions, those of
+    `options` or by name (`out="results"`); no person is asked before an attached vehicle is armed,
+    and on a bench of a cluster, for which the campaign is given as a file, consent to arm is given
+    on the bench's own terminal. bench_files: as of `load`, where the campaign is given as a file.
+    on_result: called with the result of each run as it ends; on_message: with sentences for people.
 
     Ctrl-C lands all vehicles, then raises KeyboardInterrupt; so does an exception of on_result or
     on_message, which is then raised. Raises BadInput for faults of files, CannotFlyError.
     """
-    loaded = _loaded(campaign, engine, bench_files)
-    request = _request(
-        loaded,
-        engine=engine,
-        store=store,
-        out=out,
-        runs=runs,
-        clock=clock,
-        jobs=jobs,
-        resume=resume,
-        arm=arm,
-        arm_real=arm_real,
-        arm_actors=arm_actors,
-        junit=junit,
-    )
+    request = _request(campaign, _changed(options, overrides), bench_files)
     with FlightProcess(request) as process:
         return process.wait(on_result or _ignore, on_message or _ignore)
 
 
 async def run_async(
     campaign: Campaign | str | Path,
+    options: FlightOptions = USUAL,
     *,
-    out: str | Path = "results",
-    runs: Collection[str] | None = None,
-    clock: Clock | None = None,
-    jobs: int | None = None,
-    resume: bool = False,
-    arm: bool = True,
-    arm_real: bool = False,
-    arm_actors: bool = False,
-    junit: str | Path | None = None,
-    engine: str = LOCAL,
-    store: str = "",
     bench_files: Sequence[str | Path] = (),
     on_result: OnResult | None = None,
     on_message: OnMessage | None = None,
+    **overrides: Any,
 ) -> CampaignResults:
     """Fly a campaign as `run` does, while the event loop continues.
 
@@ -119,21 +86,7 @@ async def run_async(
     lands all vehicles first, and raises CancelledError when they are down.
     """
     loop = asyncio.get_running_loop()
-    loaded = await asyncio.to_thread(_loaded, campaign, engine, bench_files)
-    request = _request(
-        loaded,
-        engine=engine,
-        store=store,
-        out=out,
-        runs=runs,
-        clock=clock,
-        jobs=jobs,
-        resume=resume,
-        arm=arm,
-        arm_real=arm_real,
-        arm_actors=arm_actors,
-        junit=junit,
-    )
+    request = await asyncio.to_thread(_request, campaign, _changed(options, overrides), bench_files)
     process = FlightProcess(request)
     waiting = loop.run_in_executor(
         None,
@@ -143,6 +96,19 @@ async def run_async(
         _call_in_loop(loop, on_message or _ignore),
     )
     return await _await_landing(waiting, process)
+
+
+def _changed(options: FlightOptions, overrides: Mapping[str, Any]) -> FlightOptions:
+    """Return options with some fields replaced; paths may be text, and any collection a tuple.
+
+    Raises TypeError for a name that is no field.
+    """
+    texts = {"out": Path, "junit": Path, "again": tuple, "runs": tuple}
+    values = {
+        name: texts[name](value) if name in texts and value is not None else value
+        for name, value in overrides.items()
+    }
+    return replace(options, **values)
 
 
 def _call_in_loop(
@@ -179,14 +145,14 @@ class FlightProcess:
     def __init__(self, request: FlightRequest) -> None:
         # Its own session: Ctrl-C reaches only the program, which then requests the landing once.
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "orchestrator.api.flight_process"],
+            [sys.executable, "-P", "-m", "wil_campaign.orchestrator.api.flight_process"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         )
         self._is_stopped = False
-        self._send(encode_line(request))
+        self._send(encode_request(request))
 
     def __enter__(self) -> Self:
         """Return the process."""
@@ -247,66 +213,29 @@ class FlightProcess:
         return decode_message(line) if line else None
 
 
-def _loaded(
-    campaign: Campaign | str | Path, engine: str, bench_files: Sequence[str | Path]
-) -> Campaign | Path:
-    """Return the loaded campaign; its path if it first has to reserve a bench of a cluster.
+def _request(
+    campaign: Campaign | str | Path, options: FlightOptions, bench_files: Sequence[str | Path]
+) -> FlightRequest:
+    """Return the request to fly a campaign, which is loaded first.
 
-    Raises BadInput, ValueError.
+    One that first has to reserve a bench of a cluster is not. Raises BadInput, ValueError,
+    CannotFlyError for an unknown run.
     """
     if isinstance(campaign, Campaign):
         if bench_files:
             raise ValueError("bench_files: the campaign is loaded; give them to load()")
-        return campaign
-    path = Path(campaign)
-    if engine != LOCAL and not bench_files and requested_bench(path, Options()) is not None:
-        return path
-    return load(path, bench_files=bench_files)
+    else:
+        file = Path(campaign)
+        asks = options.engine != LOCAL and not bench_files
+        if asks and requested_bench(file, Options()) is not None:
+            return FlightRequest(file=file, choice=ALL, options=options)
+        campaign = load(file, bench_files=bench_files)
+    known = {plan.name for plan in campaign.plans}
+    if unknown := [name for name in options.runs or () if name not in known]:
+        raise CannotFlyError(f"the campaign has no run '{unknown[0]}'", 2)
+    choice = Choice.of(campaign.options)
+    return FlightRequest(file=campaign.document.path, choice=choice, options=options)
 
 
 def _ignore(_: object) -> None:
     """Ignore an event."""
-
-
-def _request(
-    campaign: Campaign | Path,
-    *,
-    engine: str,
-    store: str,
-    out: str | Path,
-    runs: Collection[str] | None,
-    clock: Clock | None,
-    jobs: int | None,
-    resume: bool,
-    arm: bool,
-    arm_real: bool,
-    arm_actors: bool,
-    junit: str | Path | None,
-) -> FlightRequest:
-    """Return the request to fly a campaign. Raises CannotFlyError for an unknown run."""
-    options = Options()
-    if isinstance(campaign, Campaign):
-        options = campaign.options
-        known = {plan.name for plan in campaign.plans}
-        if runs is not None and (unknown := [name for name in runs if name not in known]):
-            raise CannotFlyError(f"the campaign has no run '{unknown[0]}'", 2)
-    return FlightRequest(
-        file=str(campaign if isinstance(campaign, Path) else campaign.document.path),
-        cases=options.cases,
-        modes=options.modes,
-        repetitions=options.repetitions,
-        seed=options.seed,
-        sets=options.sets,
-        runs=None if runs is None else tuple(runs),
-        out=str(out),
-        clock=clock,
-        jobs=jobs,
-        junit=None if junit is None else str(junit),
-        resume=resume,
-        arm=arm,
-        arm_real=arm_real,
-        arm_actors=arm_actors,
-        engine=engine,
-        store=store,
-        bench_files=tuple(str(bench.document.path) for bench in options.benches),
-    )

@@ -4,10 +4,10 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from campaigns.expansion.expansion import Campaign, Options, load_campaign
-from campaigns.schema import Mode
-from campaigns.setup.bench_file import load_benches
-from worlds.files.documents import BadInput, Problem
+from wil_campaign.campaigns.expansion.expansion import Campaign, load_campaign
+from wil_campaign.campaigns.schema import Mode
+from wil_campaign.orchestrator.cli.run_selection import Choice
+from wil_campaign.worlds.files.documents import BadInput, Problem
 
 
 def load(
@@ -27,16 +27,15 @@ def load(
     bench_files: benches of this machine, for a campaign that requests one. Raises BadInput with
     every problem of the file and of those that it names.
     """
-    options = Options(
-        cases=tuple(cases),
-        modes=tuple(modes),
+    choice = Choice(
+        case=tuple(cases),
+        mode=tuple(modes),
         repetitions=repetitions,
         seed=seed,
-        sets=tuple(f"{key}={json.dumps(value)}" for key, value in (overrides or {}).items()),
-        is_autonomy_isolated=True,
-        benches=load_benches(map(Path, bench_files)),
+        set_=tuple(f"{key}={json.dumps(value)}" for key, value in (overrides or {}).items()),
+        bench_file=tuple(map(Path, bench_files)),
     )
-    return load_campaign(Path(file), options)
+    return load_campaign(Path(file), choice.options())
 
 
 def validate(

@@ -14,14 +14,15 @@ from typing import Literal, Self
 
 from pydantic import ValidationError
 
-from vehicles.embedded.process.feed import MakeFault, to_vehicle
-from vehicles.embedded.process.process_settings import ProcessSettings
-from vehicles.embedded.process.standalone_settings import standalone_settings
-from vehicles.faults import Fault, FaultError, parse_fault
-from vehicles.links.link_strings import LinkAddress, parse_link
-from vehicles.processes.child import how_it_ended
-from vehicles.tasks import finish
-from worlds.files.documents import BadInput
+from wil_campaign.vehicles.embedded.process.feed import MakeFault, to_vehicle
+from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
+from wil_campaign.vehicles.embedded.process.standalone_settings import standalone_settings
+from wil_campaign.vehicles.faults import Fault, FaultError, parse_fault
+from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
+from wil_campaign.vehicles.processes.child import how_it_ended
+from wil_campaign.vehicles.processes.feed_socket import feed_environment, feed_pair
+from wil_campaign.vehicles.tasks import finish
+from wil_campaign.worlds.files.documents import BadInput
 
 Autopilot = Literal["px4", "ardupilot"]
 
@@ -38,7 +39,7 @@ _PORT_TAKEN = "is in use by another program"
 _ATTEMPTS = 3
 _END_WITHIN_S = 5.0
 _POLL_S = 0.1
-_DATAGRAM_BYTES = 65536
+_PACKET_BYTES = 65536
 
 
 class MockVehicleError(RuntimeError):
@@ -69,7 +70,7 @@ class MockVehicle:
         self._process: subprocess.Popen[bytes] | None = None
         self._stack = contextlib.ExitStack()
         self._feed: socket.socket | None = None
-        self._peer: tuple[str, int] | None = None
+        self._is_ready = False
         self._seq = 0
         self._output_file: int | None = None
         self._output = ""
@@ -176,20 +177,27 @@ class MockVehicle:
     def _launch(self) -> None:
         """Start the process and wait for its first datagram. Raises MockVehicleError."""
         with contextlib.ExitStack() as stack:
-            feed = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-            feed.bind(("127.0.0.1", 0))
+            feed, theirs = map(stack.enter_context, feed_pair())
             feed.settimeout(_POLL_S)
             output = stack.enter_context(tempfile.TemporaryFile())  # removed when it is closed
             self._output_file = output.fileno()
-            settings = self._settings.model_copy(update={"feed_port": feed.getsockname()[1]})
             # It ends when its stdin does, however this process ends.
             self._process = subprocess.Popen(  # noqa: S603 - our own interpreter
-                [sys.executable, "-P", "-m", "vehicles.embedded", settings.model_dump_json()],
+                [
+                    sys.executable,
+                    "-P",
+                    "-m",
+                    "wil_campaign.vehicles.embedded",
+                    self._settings.model_dump_json(),
+                ],
+                env={**os.environ, **feed_environment(theirs.fileno())},
+                pass_fds=(theirs.fileno(),),
                 stdin=subprocess.PIPE,
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
             )
+            theirs.close()
             self._feed = feed
             self._stack = stack.pop_all()
         try:
@@ -203,8 +211,9 @@ class MockVehicle:
         deadline_s = time.monotonic() + self._ready_within_s
         while time.monotonic() < deadline_s:
             with contextlib.suppress(TimeoutError):
-                _, self._peer = feed.recvfrom(_DATAGRAM_BYTES)
-                return
+                self._is_ready = bool(feed.recv(_PACKET_BYTES))
+                if self._is_ready:
+                    return
             if process.poll() is not None:
                 how = how_it_ended(process.returncode)
                 raise MockVehicleError(
@@ -218,16 +227,16 @@ class MockVehicle:
 
     def _inject(self, fault: Fault) -> None:
         """Send a fault to the process. Raises MockVehicleError if it does not run."""
-        if self._feed is None or self._peer is None or self.pid is None:
+        if self._feed is None or not self._is_ready or self.pid is None:
             raise MockVehicleError(
                 f"the mock {self.autopilot} does not run: no fault can be injected"
             )
         self._seq += 1
-        self._feed.sendto(to_vehicle.encode(MakeFault(self._seq, str(fault))), self._peer)
+        self._feed.send(to_vehicle.encode(MakeFault(self._seq, str(fault))))
 
     def _end(self) -> str:
         """End the process, if necessary by SIGKILL, and return its output."""
-        process, self._process, self._peer, self._feed = self._process, None, None, None
+        process, self._process, self._is_ready, self._feed = self._process, None, False, None
         if process is not None:
             if process.stdin is not None:
                 process.stdin.close()

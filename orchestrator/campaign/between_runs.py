@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from campaigns.expansion.expansion import Campaign
-from campaigns.schema.between_runs import BetweenRunsPart
-from campaigns.setup.case_setup import Setup
-from orchestrator.campaign.workers.run_workers import WorkerLost
-from orchestrator.model.results import RunResult
-from orchestrator.model.return_path import (
+from wil_campaign.campaigns.expansion.expansion import Campaign
+from wil_campaign.campaigns.schema.between_runs import BetweenRunsPart
+from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.model.return_path import (
     CLEAR_M,
     ReturnPath,
     off_start,
@@ -20,8 +20,8 @@ from orchestrator.model.return_path import (
     why_no_return,
     why_path_blocked,
 )
-from orchestrator.state.run_setup import RunOrder
-from worlds.clearance.clearance import ClearanceProbe
+from wil_campaign.orchestrator.state.run_setup import RunOrder
+from wil_campaign.worlds.clearance.clearance import ClearanceProbe
 
 _BACK = "back"
 """The folder beneath a campaign's with the return flights, each under its run's name.

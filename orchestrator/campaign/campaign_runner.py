@@ -5,14 +5,15 @@ import signal
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from campaigns.expansion.expansion import Campaign, RunPlan
-from campaigns.setup.case_setup import FLIES
-from orchestrator.campaign.between_runs import BetweenRuns
-from orchestrator.campaign.folder.campaign_folder import (
+from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
+from wil_campaign.campaigns.setup.case_setup import FLIES
+from wil_campaign.orchestrator.campaign.between_runs import BetweenRuns
+from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
     OutputError,
     TakenError,
     held,
@@ -20,40 +21,49 @@ from orchestrator.campaign.folder.campaign_folder import (
     set_aside,
     write_document,
 )
-from orchestrator.campaign.folder.flown_files import FlownFiles
-from orchestrator.campaign.folder.manifest import manifest, maybe_written_files, read_files
-from orchestrator.campaign.folder.repetitions import planned, runs_due
-from orchestrator.campaign.liftoff_learning import LiftoffLearning
-from orchestrator.campaign.repositioning import Repositioning
-from orchestrator.campaign.resuming.lost_runs import lost_result, real_runs
-from orchestrator.campaign.resuming.resumed_campaign import (
+from wil_campaign.orchestrator.campaign.folder.flown_files import FlownFiles
+from wil_campaign.orchestrator.campaign.folder.manifest import (
+    manifest,
+    maybe_written_files,
+    read_files,
+)
+from wil_campaign.orchestrator.campaign.folder.repetitions import planned, runs_due
+from wil_campaign.orchestrator.campaign.liftoff_learning import LiftoffLearning
+from wil_campaign.orchestrator.campaign.repositioning import Repositioning
+from wil_campaign.orchestrator.campaign.resuming.lost_runs import lost_result, real_runs
+from wil_campaign.orchestrator.campaign.resuming.resumed_campaign import (
     ResumedCampaign,
     ResumeRules,
     resume_campaign,
 )
-from orchestrator.campaign.resuming.resumption import resumed_folder, resumed_manifest
-from orchestrator.campaign.sensor_kinds import sensor_kinds
-from orchestrator.campaign.workers.run_engine import EngineError, LocalRunEngine, RunEngine
-from orchestrator.campaign.workers.run_output import OUTPUT_FILE, output_tail
-from orchestrator.campaign.workers.run_workers import WorkerLost
-from orchestrator.campaign.workers.worker_pool import Pool
-from orchestrator.model.attempts import after_attempts, attempt_of, retry_due
-from orchestrator.model.campaign_results import Summary, VehicleKind, summarize
-from orchestrator.model.clock import Clock
-from orchestrator.model.document_writer import to_json
-from orchestrator.model.exit_codes import exit_code, rehearsal_code
-from orchestrator.model.faults import Faults, fault_log
-from orchestrator.model.junit import junit_xml
-from orchestrator.model.progress import News, Progress
-from orchestrator.model.results import NOT_ARMED, RunResult
-from orchestrator.operator.campaign_controller import CampaignController
-from orchestrator.operator.errors import OperatingError
-from orchestrator.operator.operator_channels import open_operator_channels
-from orchestrator.run.stages.return_flight import return_plan
-from orchestrator.run.vehicles.preflight_checks import disk_item
-from orchestrator.state.run_setup import RunOrder
-from vehicles.tasks import TaskAccount, raising_first_of
-from worlds.files.problems import printable
+from wil_campaign.orchestrator.campaign.resuming.resumption import (
+    ResumeError,
+    resumed_folder,
+    resumed_manifest,
+)
+from wil_campaign.orchestrator.campaign.sensor_kinds import sensor_kinds
+from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
+from wil_campaign.orchestrator.campaign.workers.run_output import OUTPUT_FILE, output_tail
+from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
+from wil_campaign.orchestrator.campaign.workers.worker_pool import Pool
+from wil_campaign.orchestrator.model.attempts import after_attempts, attempt_of, retry_due
+from wil_campaign.orchestrator.model.campaign_results import Summary, summarize
+from wil_campaign.orchestrator.model.document_writer import to_json
+from wil_campaign.orchestrator.model.exit_codes import exit_code, rehearsal_code
+from wil_campaign.orchestrator.model.faults import Faults, fault_log
+from wil_campaign.orchestrator.model.flown_firmware import distinct
+from wil_campaign.orchestrator.model.junit import junit_xml
+from wil_campaign.orchestrator.model.progress import News, Progress
+from wil_campaign.orchestrator.model.results import NOT_ARMED, RunResult
+from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
+from wil_campaign.orchestrator.operator.errors import OperatingError
+from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
+from wil_campaign.orchestrator.run.stages.return_flight import return_plan
+from wil_campaign.orchestrator.run.vehicles.preflight_checks import disk_item
+from wil_campaign.orchestrator.state.run_setup import RunOrder
+from wil_campaign.vehicles.tasks import TaskAccount, raising_first_of
+from wil_campaign.worlds.files.limited_json import read_json
+from wil_campaign.worlds.files.problems import printable
 
 _NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP"}
 """The signals that land all vehicles and end the campaign; SIGHUP unless ignored, as by nohup."""
@@ -86,42 +96,27 @@ class CampaignOutcome:
     exit_code: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlyingSettings:
-    """How the campaign runner flies: folder, clock, jobs, arming.
-
-    out: the folder beneath which the campaign's folder is made. resume: continue the campaign that
-    was interrupted, in `out` itself or the newest beneath it; again, repeats_cut_off: see
-    ResumeRules. arm: False tries each case and mode once, up to arming. real_kind: what flies as
-    the real vehicle. hardware: in words, what a person has to move between runs; empty for
-    nothing. folder: the campaign's own, which is made; None: a new one beneath `out`, named by the
-    time.
-    """
-
-    out: Path
-    clock: Clock
-    jobs: int
-    junit: Path | None = None
-    resume: bool = False
-    arm: bool = True
-    real_kind: VehicleKind = "embedded"
-    hardware: str = ""
-    folder: Path | None = None
-    engine: RunEngine = field(default_factory=LocalRunEngine)
-    again: tuple[str, ...] = ()
-    repeats_cut_off: bool = False
-
-
-def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher) -> CampaignOutcome:
+def fly_campaign(
+    campaign: Campaign,
+    options: FlightOptions,
+    cleared: Cleared,
+    watcher: Watcher,
+    *,
+    batch: Path | None = None,
+) -> CampaignOutcome:
     """Fly all runs of a campaign and write its folder.
 
     Every finished run is on the disk and in summary.json before the next one begins. Ctrl-C and
-    SIGTERM land all vehicles, as ABORTED, and end the campaign. Raises OutputError, OperatingError,
-    ResumeError, EngineError.
+    SIGTERM land all vehicles, as ABORTED, and end the campaign. batch: the campaign's own folder,
+    as one of a series: it is made, or resumed with its cut-off runs flown anew; None: a new one
+    beneath `options.out`, named by the time. Raises OutputError, OperatingError, ResumeError,
+    EngineError.
     """
     with ExitStack() as stack:
-        folder, before, files = _begin(campaign, settings, watcher, stack)
-        flight = _Flight(campaign, settings, watcher, folder, before, files=files)
+        folder, before, files = _begin(campaign, options, cleared, watcher, stack, batch=batch)
+        flight = _Flight(
+            campaign, options, cleared, watcher, folder=folder, before=before, files=files
+        )
         # From the beginning there is a summary of the runs so far, also in place of an old one.
         flight.write_summary()
         asyncio.run(flight.fly())
@@ -129,38 +124,55 @@ def fly_campaign(campaign: Campaign, settings: FlyingSettings, watcher: Watcher)
 
 
 def _begin(
-    campaign: Campaign, settings: FlyingSettings, watcher: Watcher, stack: ExitStack
+    campaign: Campaign,
+    options: FlightOptions,
+    cleared: Cleared,
+    watcher: Watcher,
+    stack: ExitStack,
+    *,
+    batch: Path | None,
 ) -> tuple[Path, ResumedCampaign, FlownFiles]:
     """Return the campaign's folder, locked until the stack ends, its finished runs, its files."""
-    document: Mapping[str, Any] = manifest(campaign, settings.clock, arm=settings.arm)
+    document: Mapping[str, Any] = manifest(campaign, cleared.clock, arm=options.arm)
     skipped = {*campaign.paths, *maybe_written_files(campaign)}
     files = FlownFiles.of(
         campaign.document.path, document["files"], read=read_files(campaign), skipped=skipped
     )
-    if settings.resume:
-        folder = resumed_folder(settings.out, campaign.name)
+    if options.resume:
+        folder = resumed_folder(batch or options.out, campaign.name)
         document = resumed_manifest(folder, document)
     else:
-        folder = settings.folder or make_folder(settings.out / campaign.name)
+        folder = batch or make_folder(options.out / campaign.name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         stack.enter_context(held(folder))
         _require_space(campaign, folder)
         write_document(folder / "campaign.json", to_json(document))
-        if not settings.resume:
+        if not options.resume:
             return folder, ResumedCampaign(results={}, attempts={}), files
         rules = ResumeRules(
-            is_real=real_runs(campaign, settings.hardware),
-            again=settings.again,
-            repeats_cut_off=settings.repeats_cut_off,
+            is_real=real_runs(campaign, cleared.hardware),
+            again=options.again,
+            repeats_cut_off=batch is not None,
         )
         before = resume_campaign(campaign, folder, rules, say=watcher.say)
+        if cleared.engine.reads_files_here:
+            _require_same_code(folder, files, before)
     except (TakenError, OSError) as error:
         raise OutputError(str(error)) from error
     watcher.say(
         f"resumed: {len(before.results)} of {len(campaign.plans)} are finished, in {folder}"
     )
     return folder, before, files
+
+
+def _require_same_code(folder: Path, files: FlownFiles, before: ResumedCampaign) -> None:
+    """Raise ResumeError where code of the user's changed that only the finished runs name."""
+    try:
+        for name, result in before.results.items():
+            files.require_code_on_disk(name, result.code)
+    except OutputError as error:
+        raise ResumeError(f"{folder} cannot be resumed: {error}") from error
 
 
 def _require_space(campaign: Campaign, folder: Path) -> None:
@@ -177,25 +189,27 @@ class _Flight:
     def __init__(
         self,
         campaign: Campaign,
-        settings: FlyingSettings,
+        options: FlightOptions,
+        cleared: Cleared,
         watcher: Watcher,
+        *,
         folder: Path,
         before: ResumedCampaign,
-        *,
         files: FlownFiles,
     ) -> None:
         self._campaign = campaign
-        self._settings = settings
+        self._options = options
+        self._cleared = cleared
         self._watcher = watcher
         self._folder = folder
         self._files = files
         self._changed: OutputError | None = None
         """Why no further run is flown, once a file has changed."""
-        self._plans = planned(campaign, arm=settings.arm)
+        self._plans = planned(campaign, arm=options.arm)
         self._results = dict(before.results)
         self._attempts = before.attempts
         self._was_broken = before.is_broken
-        self._is_real = real_runs(campaign, settings.hardware)
+        self._is_real = real_runs(campaign, cleared.hardware)
         self._lost_with_vehicle = ""
         began_s = time.monotonic()
         self._faults = Faults(
@@ -203,10 +217,10 @@ class _Flight:
             log=fault_log(folder / "log.jsonl"),
             take=lambda fault: watcher.say(f"internal error: {fault.text}; see log.jsonl"),
         )
-        self._learning = LiftoffLearning(campaign, settings.clock)
-        self._workers = settings.engine.workers(campaign, folder, self._say)
+        self._learning = LiftoffLearning(campaign, cleared.clock)
+        self._workers = cleared.engine.workers(campaign, folder, self._say)
         self._pool = Pool[RunOrder, RunResult](
-            jobs=settings.jobs,
+            jobs=cleared.jobs,
             workers=self._workers,
             report=self._report,
             done=self._finish_run,
@@ -223,12 +237,12 @@ class _Flight:
             say=self._say,
         )
         self._repositioning = Repositioning(
-            vehicles=settings.hardware or "real", controller=self._controller, say=self._say
+            vehicles=cleared.hardware or "real", controller=self._controller, say=self._say
         )
         self._between = BetweenRuns(
             campaign=campaign,
             folder=folder,
-            hardware=settings.hardware,
+            hardware=cleared.hardware,
             repositioning=self._repositioning,
             say=self._say,
         )
@@ -246,7 +260,7 @@ class _Flight:
         )
         try:
             with raising_first_of(OutputError, EngineError), account.of(loop):
-                async with open_operator_channels(self._controller, self._campaign.mqtt):
+                async with open_operator_channels(self._controller, self._campaign.operators):
                     await self._pool.fly(self._orders())
                 if self._changed is not None:
                     raise self._changed
@@ -288,14 +302,14 @@ class _Flight:
             controls_due=len(self._campaign.controls),
             missing=self._missing(),
         )
-        if not self._settings.arm and stopped is None and not broken:
+        if not self._options.arm and stopped is None and not broken:
             code = rehearsal_code(summary.runs)
         return CampaignOutcome(summary=summary, folder=self._folder, exit_code=code)
 
     def _orders(self) -> Iterable[RunOrder]:
         """Yield the orders of the campaign's runs in the order of their start."""
         plans: Sequence[RunPlan] = self._plans
-        if self._settings.jobs > 1:
+        if self._cleared.jobs > 1:
             # Pairs take longest, so they start first; else the last one would occupy a single core.
             plans = sorted(plans, key=lambda plan: plan.mode != "wil")
         for plan in plans:
@@ -303,9 +317,10 @@ class _Flight:
                 yield RunOrder(
                     plan=plan,
                     folder=self._folder / plan.name,
-                    clock=self._settings.clock,
+                    clock=self._cleared.clock,
                     attempts=self._attempts.get(plan.name, ()),
-                    arm=self._settings.arm,
+                    arm=self._options.arm,
+                    campaign=self._folder,
                 )
 
     def _ready(self, order: RunOrder) -> RunOrder | None:
@@ -326,12 +341,19 @@ class _Flight:
 
     def _have_files_changed(self) -> bool:
         """Return whether a file that each run loads is no longer what it was."""
-        if self._changed is None and self._settings.engine.reads_files_here:
+        if self._changed is None and self._cleared.engine.reads_files_here:
             try:
                 self._files.require_unchanged()
             except OutputError as error:
                 self._changed = error
         return self._changed is not None
+
+    def _check_code(self, run: str, result: RunResult) -> None:
+        """Keep that no further run is flown, where a run imported other code than those before."""
+        try:
+            self._files.require_same_code(run, result.code)
+        except OutputError as error:
+            self._changed = self._changed or error
 
     def _due(self) -> list[RunPlan]:
         """Return the runs that count: a sequential test may have decided before the last."""
@@ -370,7 +392,7 @@ class _Flight:
             self._between.check_return(order, outcome)
             return None
         if isinstance(outcome, WorkerLost):
-            result = after_attempts(lost_result(order.plan, outcome), order.attempts)
+            result = after_attempts(lost_result(order.plan, outcome, order.folder), order.attempts)
             if not (order.folder / "result.json").exists():  # another program may have flown it
                 write_document(order.folder / "result.json", to_json(result))
             if outcome.details:
@@ -379,6 +401,7 @@ class _Flight:
         else:
             result = outcome
         self._learning.learn(order.plan, result)
+        self._check_code(order.plan.name, result)
         following = self._retry_run(order, result)
         if following is None:
             self._results[order.plan.name] = result
@@ -387,7 +410,7 @@ class _Flight:
         flown = result.duration_s is not None or isinstance(outcome, WorkerLost)
         if following is None:
             self._controller.finished(
-                result, may_end=self._settings.arm or result.reason != NOT_ARMED
+                result, may_end=self._options.arm or result.reason != NOT_ARMED
             )
             with self._faults.recording("a verdict"):
                 self._watcher.finished(result)
@@ -413,8 +436,11 @@ class _Flight:
         Until it ends again the run has no result, and a sequential test waits for it.
         """
         # With hardware a person inspects the vehicle before a retry.
-        alone = not self._settings.hardware and self._campaign.between is None
-        is_due = retry_due(result, retries=order.plan.retries if alone else 0)
+        alone = not self._cleared.hardware and self._campaign.between is None
+        retries = order.plan.retries if alone else 0
+        is_due = retry_due(result, retries=retries)
+        if retries and result.no_retry:
+            self._say(f"{order.plan.name}: {result.verdict}, not flown again: {result.no_retry}")
         if not is_due or self._controller.stopped is not None or not self._is_due(order.plan):
             return None
         try:
@@ -440,10 +466,10 @@ class _Flight:
             [_with_artifact_paths(run) for run in runs],
             self._campaign.requirements,
             campaign=self._campaign.name,
-            clock=self._settings.clock,
-            surrogate=self._settings.real_kind == "embedded"
+            clock=self._cleared.clock,
+            surrogate=self._cleared.real_kind == "embedded"
             and any("real" in FLIES[plan.mode] for plan in plans),
-            real_kind=self._settings.real_kind,
+            real_kind=self._cleared.real_kind,
             sensors=sensor_kinds(self._campaign),
             left_out=self._campaign.left_out,
             stopped=self._controller.ended_by,
@@ -454,11 +480,26 @@ class _Flight:
             not_flown=tuple(plan.name for plan in plans if plan.name not in self._results),
         )
         write_document(self._folder / "summary.json", to_json(summary))
-        junit = junit_xml(summary, self._campaign.requirements, arm=self._settings.arm)
+        if has_ended:
+            self._record_firmware(summary)
+        junit = junit_xml(summary, self._campaign.requirements, arm=self._options.arm)
         write_document(self._folder / "junit.xml", junit)
-        if self._settings.junit is not None:
-            write_document(self._settings.junit, junit)
+        if self._options.junit is not None:
+            write_document(self._options.junit, junit)
         return summary
+
+    def _record_firmware(self, summary: Summary) -> None:
+        """Add the firmware that flew to campaign.json. Raises OutputError."""
+        path = self._folder / "campaign.json"
+        runs = (*summary.runs, *summary.controls)
+        flown = distinct(one for run in runs for one in run.firmware)
+        try:
+            document = read_json(path)
+        except (OSError, ValueError):  # lost or damaged while it flew: the results have it
+            return
+        if isinstance(document, dict) and flown:
+            document["firmware"] = [asdict(one) for one in flown]
+            write_document(path, to_json(document))
 
 
 def _with_artifact_paths(run: RunResult) -> RunResult:

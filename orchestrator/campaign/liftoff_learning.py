@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from campaigns.expansion.expansion import Campaign, RunPlan
-from orchestrator.model.clock import Clock
-from orchestrator.model.liftoff_delays import LiftoffDelays
-from orchestrator.model.results import RunResult
-from orchestrator.state.run_setup import RunOrder
+from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
+from wil_campaign.orchestrator.model.clock import Clock
+from wil_campaign.orchestrator.model.liftoff_delays import LiftoffDelays
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.state.run_setup import RunOrder
 
 
 class LiftoffLearning:

@@ -5,33 +5,31 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from campaigns.expansion.expansion import Campaign, RunPlan
-from orchestrator.campaign.folder.manifest import judging_manifest, of_runs, world_digest
-from orchestrator.campaign.folder.manifest_changes import changes_since_flight
-from orchestrator.campaign.folder.repetitions import runs_due
-from orchestrator.model.campaign_results import Summary, summarize
-from orchestrator.model.control_results import control_result
-from orchestrator.model.exit_codes import exit_code
-from orchestrator.model.results import RunResult
-from orchestrator.model.results_reader import ResultError, read_result, read_summary
-from orchestrator.recording.errors import RecordingError
-from orchestrator.recording.judge_log_file import FILE_NAME
-from orchestrator.run.judging.run_oracles import build_judge
-from orchestrator.run.judging.run_outcome import also_of, reason_of
-from orchestrator.state.run_setup import RunOrder, RunSetup
-from safety.evaluation.judge import unjudged
-from safety.evaluation.judge_log import JudgeLogError, judge_from_log, read_judge_log
-from safety.evidence.evidence import SOURCE
-from safety.model.verdict import DecisiveEvent, DecisiveKind, decide, source_of
-from worlds.files.limited_json import loads_limited, read_json, read_limited
-from worlds.scene.track import RunHistory
-
-_KINDS: dict[str, DecisiveKind] = {
-    "ERROR": "ERROR",
-    "INVALID": "INVALID",
-    "FAIL": "FAIL",
-    "ABORTED": "ABORTED",
-}
+from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
+from wil_campaign.orchestrator.campaign.folder.manifest import (
+    judging_manifest,
+    of_runs,
+    world_digest,
+)
+from wil_campaign.orchestrator.campaign.folder.manifest_changes import changes_since_flight
+from wil_campaign.orchestrator.campaign.folder.repetitions import runs_due
+from wil_campaign.orchestrator.model.campaign_results import Summary, summarize
+from wil_campaign.orchestrator.model.control_results import control_result
+from wil_campaign.orchestrator.model.exit_codes import exit_code
+from wil_campaign.orchestrator.model.results import RunResult, also_of
+from wil_campaign.orchestrator.model.results_reader import ResultError, read_result, read_summary
+from wil_campaign.orchestrator.model.run_log import decisive_event
+from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME
+from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
+from wil_campaign.orchestrator.run.judging.run_outcome import reason_of
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.safety.evaluation.judge import unjudged
+from wil_campaign.safety.evaluation.judge_log import JudgeLogError, judge_from_log, read_judge_log
+from wil_campaign.safety.evidence.evidence import SOURCE
+from wil_campaign.safety.model.verdict import DecisiveEvent, decide, source_of
+from wil_campaign.worlds.files.limited_json import loads_limited, read_json, read_limited
+from wil_campaign.worlds.scene.track import RunHistory
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,6 +178,7 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
         end_s=played.end_s,
         completed={"landed", "done"} <= played.stages,
         timeouts=judge.timeouts,
+        worst=judge.worst_texts,
     )
     reason = reason_of(decision, decision.note or before.note)
     campaign = setup.campaign
@@ -218,7 +217,7 @@ def _foreign_events(log: Path, before: RunResult) -> list[DecisiveEvent]:
             if line["event"] == "flag":
                 flags.add((line["t_s"], line["text"], source_of(line["oracle"], line["vehicle"])))
             if line["event"] == "decisive":
-                events.append(_event(line))
+                events.append(decisive_event(line))
             is_whole = is_whole or (line["event"] == "stage" and line["stage"] == "end")
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise RecordingError(f"{log} cannot be read: {error}") from error
@@ -237,15 +236,3 @@ def _foreign_events(log: Path, before: RunResult) -> list[DecisiveEvent]:
 def _is_evidence(source: str) -> bool:
     """Return whether a decisive event is from the evidence, which is evaluated again as well."""
     return source.startswith(SOURCE)
-
-
-def _event(line: dict[str, Any]) -> DecisiveEvent:
-    """Return the decisive event of a line of log.jsonl."""
-    return DecisiveEvent(
-        line["t_s"],
-        _KINDS[line["kind"]],
-        line["reason"],
-        line.get("source", ""),
-        line.get("note", ""),
-        line.get("trace", ""),
-    )

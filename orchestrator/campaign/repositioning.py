@@ -10,9 +10,9 @@ import sys
 import termios
 from collections.abc import Callable
 
-from orchestrator.operator.campaign_controller import CampaignController
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.operator.operator_lines import RefusedLineError
+from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
 
 WAIT_S = 1800.0
 """Enough to change a battery, and perhaps a propeller."""

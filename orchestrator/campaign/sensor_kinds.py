@@ -1,9 +1,14 @@
 """Which source each sensor of a campaign has, as its results name it: live, file, rendered."""
 
-from campaigns.expansion.expansion import Campaign
-from campaigns.setup.case_setup import VehicleSetup
-from campaigns.values.sensor_setups import CameraSetup, DepthSetup, PoseSetup, SensorSetup
-from orchestrator.model.campaign_results import SensorKind
+from wil_campaign.campaigns.expansion.expansion import Campaign
+from wil_campaign.campaigns.setup.case_setup import VehicleSetup
+from wil_campaign.campaigns.values.sensor_setups import (
+    CameraSetup,
+    DepthSetup,
+    PoseSetup,
+    SensorSetup,
+)
+from wil_campaign.orchestrator.model.campaign_results import SensorKind
 
 _REAL_FIRST: tuple[SensorKind, ...] = ("live", "file", "rendered", "synthesised")
 

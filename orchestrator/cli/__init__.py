@@ -10,133 +10,117 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
-from cyclopts import App, Parameter
+from cyclopts import App, Group, Parameter
 
-from orchestrator.cli.standard_streams import StreamError, err, repair_standard_streams
+from wil_campaign import hooks
+from wil_campaign.hooks import Command, HelpSection
+from wil_campaign.installed_plugins import absent, added
+from wil_campaign.orchestrator.cli.standard_streams import StreamError, err, repair_standard_streams
 
 USAGE_ERROR = 2
 INTERNAL_ERROR = 3
 INTERRUPTED = 130
 
 _COMMANDS = (
-    (
+    Command(
         "init",
-        "orchestrator.cli.commands.init:init",
+        "wil_campaign.orchestrator.cli.commands.init:init",
         "Write a campaign that is ready to fly, as a starting point.",
+        "start",
     ),
-    ("run", "orchestrator.cli.commands.run:run", "Fly a campaign and write its verdicts."),
-    (
-        "search",
-        "orchestrator.cli.commands.search:search",
-        "Look for variants of a campaign that fail, confirm and reduce them.",
+    Command(
+        "run",
+        "wil_campaign.orchestrator.cli.commands.run:run",
+        "Fly a campaign and write its verdicts.",
+        "fly",
     ),
-    (
+    Command(
         "validate",
-        "orchestrator.cli.commands.validate:validate",
+        "wil_campaign.orchestrator.cli.commands.validate:validate",
         "Report every fault of the files; nothing flies.",
+        "start",
     ),
-    (
+    Command(
         "schema",
-        "orchestrator.cli.commands.schema:schema",
+        "wil_campaign.orchestrator.cli.commands.schema:schema",
         "Write JSON Schemas of the files, for editors.",
+        "start",
     ),
-    ("plan", "orchestrator.cli.commands.plan:plan", "Show the runs of a campaign; nothing flies."),
-    ("judge", "orchestrator.cli.commands.judge:judge", "Judge recorded runs again; nothing flies."),
-    (
+    Command(
+        "plan",
+        "wil_campaign.orchestrator.cli.commands.plan:plan",
+        "Show the runs of a campaign; nothing flies.",
+        "start",
+    ),
+    Command(
+        "judge",
+        "wil_campaign.orchestrator.cli.commands.judge:judge",
+        "Judge recorded runs again; nothing flies.",
+        "look",
+    ),
+    Command(
         "report",
-        "orchestrator.cli.commands.report:report",
+        "wil_campaign.orchestrator.cli.commands.report:report",
         "Write the HTML report of a flown campaign.",
+        "look",
     ),
-    (
-        "gap",
-        "orchestrator.cli.commands.gap:gap",
-        "Print pass rates by mode and the gap between them and reality.",
-    ),
-    (
-        "compare",
-        "orchestrator.cli.commands.compare:compare",
-        "Report whether a case became worse since earlier flights.",
-    ),
-    (
-        "history",
-        "orchestrator.cli.commands.history:history",
-        "Show pass rates, margins and durations of campaigns over time.",
-    ),
-    (
+    Command(
         "abort",
-        "orchestrator.cli.commands.operate:abort",
-        "Land all vehicles of this machine's campaigns at once.",
+        "wil_campaign.orchestrator.cli.commands.operate:abort",
+        "Land all vehicles of a campaign at once; with --all, of every one.",
+        "operate",
     ),
-    (
+    Command(
         "hold",
-        "orchestrator.cli.commands.operate:hold",
-        "Have all vehicles stop and hold their position.",
+        "wil_campaign.orchestrator.cli.commands.operate:hold",
+        "Have a campaign's vehicles stop and hold their position.",
+        "operate",
     ),
-    ("resume", "orchestrator.cli.commands.operate:resume", "Resume after a hold."),
-    (
+    Command(
+        "resume",
+        "wil_campaign.orchestrator.cli.commands.operate:resume",
+        "Resume after a hold.",
+        "operate",
+    ),
+    Command(
         "fence",
-        "orchestrator.cli.commands.fence:fence",
+        "wil_campaign.orchestrator.cli.commands.fence:fence",
         "Send new fences to the vehicles in flight.",
+        "operate",
     ),
-    (
-        "sign",
-        "orchestrator.cli.commands.sign:sign",
-        "Sign an operator's command for MQTT.",
-    ),
-    (
+    Command(
         "watch",
-        "orchestrator.cli.commands.watch:watch",
+        "wil_campaign.orchestrator.cli.commands.watch:watch",
         "Show the runs in flight on this machine until they end.",
+        "operate",
     ),
-    (
-        "console",
-        "orchestrator.cli.commands.console:console",
-        "Show runs in flight, or a finished run, in the browser.",
-    ),
-    ("mix", "orchestrator.cli.commands.mix:mix", "Mix images, videos or recordings by a recipe."),
-    (
-        "replay",
-        "orchestrator.cli.commands.replay:replay_run",
-        "Mix a recorded run again; nothing flies.",
-    ),
-    (
-        "calibrate",
-        "orchestrator.cli.commands.calibrate:calibrate",
-        "Calibrate a real camera with a board.",
-    ),
-    (
-        "vehicle",
-        "orchestrator.cli.commands.vehicle:vehicle",
-        "Fly an embedded PX4 or ArduCopter alone, for other programs.",
-    ),
-    ("bench", "", "Check files of benches, and serve one to a cluster."),
-    (
+    Command(
         "doctor",
-        "orchestrator.cli.commands.doctor:doctor",
+        "wil_campaign.orchestrator.cli.commands.doctor:doctor",
         "Check this machine: programs, ports, permissions.",
+        "start",
     ),
-    (
+    Command(
         "list",
-        "orchestrator.cli.commands.listing:list_available",
-        "List campaigns, operators, autonomies, oracles and signals.",
+        "wil_campaign.orchestrator.cli.commands.listing:list_available",
+        "List campaigns, operators, autonomies, oracles, signals and plugins.",
+        "start",
     ),
 )
-
-_BENCH_COMMANDS = (
-    (
-        "check",
-        "orchestrator.cli.commands.bench:check",
-        "Report every fault of bench files; nothing is connected to.",
-    ),
-    (
-        "serve",
-        "orchestrator.cli.commands.bench:serve",
-        "Join a cluster, and fly its campaigns on a bench of this machine.",
-    ),
-)
+"""The commands of the core; those of plugins come by `hooks.commands`."""
+_TITLES: Mapping[HelpSection, str] = {
+    "start": "Start: a campaign, and what it needs",
+    "fly": "Fly",
+    "look": "Look at what was flown",
+    "operate": "Operate what flies",
+}
+_SECTIONS = {
+    section: Group(title, sort_key=place) for place, (section, title) in enumerate(_TITLES.items())
+}
+_OWN = Group("Options", sort_key=len(_TITLES))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -170,9 +154,18 @@ def _call_command(tokens: list[str]) -> int:
     if not tokens:
         app.help_print(console=app.error_console)
         return USAGE_ERROR
+    if tokens[0] in (missing := absent(hooks.commands)):
+        err(missing[tokens[0]])
+        return USAGE_ERROR
     _import_command(tokens)
     code = app(tokens, result_action="return_value")
     return code if isinstance(code, int) else 0
+
+
+def all_commands() -> Mapping[str, Command]:
+    """Return the commands by name: the core's, then those of plugins. Raises BadInput."""
+    own = {command.name: command for command in _COMMANDS}
+    return {**own, **added(hooks.commands, own)}
 
 
 def _import_command(tokens: Sequence[str]) -> None:
@@ -180,8 +173,8 @@ def _import_command(tokens: Sequence[str]) -> None:
 
     Imported objects stay: collections that scan them repeatedly take a sixth of the time.
     """
-    commands = {name: function for name, function, _ in _COMMANDS}
-    module = commands.get(tokens[0], "").partition(":")[0]
+    command = all_commands().get(tokens[0])
+    module = "" if command is None else command.function.partition(":")[0]
     if not module:
         return
     collects = gc.isenabled()
@@ -220,30 +213,28 @@ def build_app() -> App:
         help_format="plaintext",
         default_parameter=Parameter(negative=()),
     )
-    for name, function, summary in _COMMANDS:
-        if function:
-            app.command(function, name=name, help=summary)
+    for flag in (*app.help_flags, *app.version_flags):
+        app[flag].group = _OWN
+    groups: dict[str, App] = {}
+    for name, command in all_commands().items():
+        group, _, inner = name.rpartition(" ")
+        section = None if group else _SECTIONS[command.section]
+        if command.function:
+            parent = groups.get(group, app)
+            parent.command(command.function, name=inner, help=command.summary, group=section)
         else:
-            app.command(_bench_app(name, summary))
-    return app
-
-
-def _bench_app(name: str, summary: str) -> App:
-    """Return the command `bench`, which has commands of its own."""
-    app = App(name=name, help=summary)
-    for inner, function, text in _BENCH_COMMANDS:
-        app.command(function, name=inner, help=text)
+            groups[name] = App(name=name, help=command.summary, group=section)
+            app.command(groups[name])
     return app
 
 
 def _version() -> str:
-    """Return the program's version for the command line."""
-    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415 - slow, rarely used
+    """Return the program's version and commit for the command line."""
+    from wil_campaign.orchestrator.installation import (  # noqa: PLC0415 - slow, rarely used
+        program_text,
+    )
 
-    try:
-        return version("wil-campaign")
-    except PackageNotFoundError:
-        return "not installed"
+    return program_text()
 
 
 def _report_failure(error: BaseException) -> int:
@@ -251,9 +242,10 @@ def _report_failure(error: BaseException) -> int:
     import tempfile  # noqa: PLC0415 - not needed for --help
     import traceback  # noqa: PLC0415 - not needed for --help
 
-    from worlds.files.documents import BadInput  # noqa: PLC0415 - not needed for --help
+    from wil_campaign.safety.guard.process.runtime_folder import RuntimeFolderError  # noqa: PLC0415
+    from wil_campaign.worlds.files.documents import BadInput  # noqa: PLC0415
 
-    if isinstance(error, BadInput):
+    if isinstance(error, BadInput | RuntimeFolderError):
         err(error)
         return USAGE_ERROR
     trace = "".join(traceback.format_exception(error))

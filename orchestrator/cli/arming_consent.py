@@ -4,16 +4,16 @@ import asyncio
 import os
 import pwd
 import sys
-import termios
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass
+from importlib.util import find_spec
 
-from campaigns.expansion.expansion import Campaign
-from campaigns.setup.actor_setups import ActorSetup
-from campaigns.setup.bench_file import Bench
-from campaigns.setup.encounters import encounters
-from campaigns.setup.vehicle_setups import FlownSetup
-from orchestrator.campaign.resuming.attached_vehicles import (
+from wil_campaign.campaigns.expansion.expansion import Campaign
+from wil_campaign.campaigns.setup.actor_setups import ActorSetup
+from wil_campaign.campaigns.setup.bench_file import Bench
+from wil_campaign.campaigns.setup.encounters import encounters
+from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
+from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import (
     AttachedVehicle,
     attached_vehicles,
     find_all,
@@ -22,16 +22,17 @@ from orchestrator.campaign.resuming.attached_vehicles import (
     kinds_of_real,
     planned_setups,
 )
-from orchestrator.cli.clock_choice import clock_for, shared_of
-from orchestrator.cli.standard_streams import err
-from orchestrator.cli.text_table import count_text
-from orchestrator.engines.node_messages import ConsentAnswer, ConsentAsked
-from orchestrator.model.campaign_results import VehicleKind
-from orchestrator.model.clock import Clock
-from vehicles.errors import VehicleError
-from vehicles.links.link_strings import LinkAddress
-from vehicles.processes.linux import usable_cores
-from worlds.files.problems import printable
+from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL
+from wil_campaign.orchestrator.cli.clock_choice import clock_for, shared_of
+from wil_campaign.orchestrator.cli.standard_streams import err
+from wil_campaign.orchestrator.cli.text_table import count_text
+from wil_campaign.orchestrator.model.campaign_results import VehicleKind
+from wil_campaign.orchestrator.model.clock import Clock
+from wil_campaign.orchestrator.state.parameter_backups import NoHomeError, parameter_backup_folder
+from wil_campaign.vehicles.errors import NO_JSBSIM, VehicleError
+from wil_campaign.vehicles.links.link_strings import LinkAddress
+from wil_campaign.vehicles.processes.linux import usable_cores
+from wil_campaign.worlds.files.paths import exists
 
 REFUSED = 2
 UNAVAILABLE = 3
@@ -46,35 +47,13 @@ class RefusedError(Exception):
         self.code = code
 
 
-@dataclass(frozen=True, slots=True)
-class Cleared:
-    """A campaign cleared for arming. real_kind: what flies as the real vehicle.
-
-    hardware: the names of the vehicles that are not simulations; empty for none.
-    """
-
-    clock: Clock
-    jobs: int
-    real_kind: VehicleKind
-    hardware: str = ""
-
-
-def clear(
-    campaign: Campaign,
-    *,
-    clock: Clock | None,
-    jobs: int | None,
-    arm: bool,
-    arm_real: bool,
-    arm_actors: bool = False,
-) -> Cleared:
-    """Settle clock and jobs, identify attached vehicles, and get the consent to arm.
-
-    arm: whether anything is armed at all. arm_real: whether attached vehicles of the pair may be,
-    arm_actors: whether attached actors may be.
-    """
+def clear(campaign: Campaign, options: FlightOptions) -> Cleared:
+    """Settle clock and jobs, identify attached vehicles, and get the consent to arm."""
+    if options.engine == LOCAL and find_spec("jsbsim") is None:
+        _require_no_embedded(campaign)
+    jobs = options.jobs
     attached = attached_vehicles(campaign)
-    wanted = settled_clock(campaign, clock)
+    wanted = settled_clock(campaign, options.clock)
     shared = shared_of(campaign)
     if jobs is not None and jobs < 1:
         raise RefusedError(f"--jobs {jobs}: must be at least 1", REFUSED)
@@ -86,15 +65,22 @@ def clear(
     where = " and ".join(f"{one.name} ({one.attached})" for one in attached)
     if jobs is not None and jobs > 1:
         raise RefusedError(f"--jobs {jobs}: {where} can fly one run at a time only", REFUSED)
-    if arm:
-        _require_options(attached, arm_real=arm_real, arm_actors=arm_actors)
+    if options.arm:
+        _require_options(attached, options)
         require_may_arm(campaign.benches, user_name())
-    found = _find_vehicles(attached)
+        _require_backups()
+    found = find_vehicles(attached)
     real_kind = _kind_of_real(campaign, found)
-    if arm:
+    if options.arm:
         _confirm(campaign, found)
     hardware = " and ".join(one.name for one in found if not one.identity.simulation)
     return Cleared(wanted, 1, real_kind, hardware)
+
+
+def _require_no_embedded(campaign: Campaign) -> None:
+    """Raise RefusedError for vehicles that only JSBSim can simulate."""
+    if names := [one.name for one in flown_vehicles(campaign) if one.embedded]:
+        raise RefusedError(f"{' and '.join(names)}: {NO_JSBSIM}", REFUSED)
 
 
 def _kind_of_real(campaign: Campaign, found: Iterable[AttachedVehicle]) -> VehicleKind:
@@ -110,9 +96,9 @@ def _kind_of_real(campaign: Campaign, found: Iterable[AttachedVehicle]) -> Vehic
     return next(iter(cases), "embedded")
 
 
-def _require_options(attached: Iterable[FlownSetup], *, arm_real: bool, arm_actors: bool) -> None:
+def _require_options(attached: Iterable[FlownSetup], options: FlightOptions) -> None:
     """Raise RefusedError for attached vehicles that the command line does not allow to arm."""
-    given = {"--arm-real": arm_real, "--arm-actors": arm_actors}
+    given = {"--arm-real": options.arm_real, "--arm-actors": options.arm_actors}
     by_option: dict[str, list[FlownSetup]] = {}
     for one in attached:
         option = "--arm-actors" if isinstance(one, ActorSetup) else "--arm-real"
@@ -136,6 +122,21 @@ def require_may_arm(benches: Iterable[Bench], user: str) -> None:
                 f"({bench.document.name}, arming.users); --no-arm checks everything else",
                 REFUSED,
             )
+
+
+def _require_backups() -> None:
+    """Raise RefusedError where parameters of attached vehicles cannot be backed up."""
+    try:
+        folder = parameter_backup_folder()
+    except NoHomeError as error:
+        raise RefusedError(str(error), REFUSED) from error
+    there = next(one for one in (folder, *folder.parents) if exists(one))
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise RefusedError(
+            f"parameters of attached vehicles cannot be backed up in {folder}: {there} is not "
+            "writable; set XDG_STATE_HOME to a folder that outlives a reboot",
+            REFUSED,
+        )
 
 
 def user_name() -> str:
@@ -198,7 +199,7 @@ def find_vehicle(address: LinkAddress) -> AttachedVehicle:
         raise RefusedError(str(error), UNAVAILABLE) from error
 
 
-def _find_vehicles(vehicles: Iterable[FlownSetup]) -> tuple[AttachedVehicle, ...]:
+def find_vehicles(vehicles: Iterable[FlownSetup]) -> tuple[AttachedVehicle, ...]:
     """Return the attached vehicles to be armed, identified. Raises RefusedError."""
     try:
         found = asyncio.run(find_all(vehicles, _IDENTIFY_S))
@@ -234,7 +235,7 @@ def _confirm(campaign: Campaign, found: tuple[AttachedVehicle, ...]) -> None:
                 REFUSED,
             )
     if has_terminal():
-        _ask_to_arm(f"campaign '{campaign.name}'", len(campaign.plans), found)
+        ask_to_arm(f"campaign '{campaign.name}'", len(campaign.plans), found)
 
 
 def _encounters(
@@ -256,7 +257,7 @@ def has_terminal() -> bool:
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 
-def _ask_to_arm(what: str, count: int, found: tuple[AttachedVehicle, ...]) -> None:
+def ask_to_arm(what: str, count: int, found: tuple[AttachedVehicle, ...]) -> None:
     """Ask the person at the terminal for consent to arm vehicles. Raises RefusedError without."""
     names = " and ".join(f"{one.name} ({one.where})" for one in found)
     _ask_person(f"{what}, {count_text(count, 'run')}. Arm {names} and take off? [y/N] ")
@@ -273,28 +274,3 @@ def _require_answer(question: str, answers: Collection[str]) -> None:
     sys.stderr.flush()
     if sys.stdin.readline().strip().lower() not in answers:
         raise RefusedError("not confirmed; nothing was armed", REFUSED)
-
-
-def consent_at_bench(bench: Bench, request: ConsentAsked) -> ConsentAnswer:
-    """Return this bench's answer to a campaign of the cluster, given by the person at its terminal.
-
-    The vehicle is identified first. Input that was typed before the question is discarded.
-    """
-    what = printable(f"campaign '{request.campaign}' of {request.place}")
-    try:
-        if request.arm:
-            require_may_arm((bench,), user_name())
-        found = _find_vehicles((bench.vehicle,))
-        if request.arm:
-            termios.tcflush(sys.stdin, termios.TCIFLUSH)
-            _ask_to_arm(what, request.runs, found)
-    except RefusedError as error:
-        err(f"{what}: {error}")
-        return ConsentAnswer(f"bench {bench.name}: {error}", error.code)
-    is_hardware = not all(one.identity.simulation for one in found)
-    return ConsentAnswer(
-        code=0,
-        real_kind="hardware" if is_hardware else "sitl",
-        hardware=bench.vehicle.name if is_hardware else "",
-        vehicle=" and ".join(map(str, found)),
-    )

@@ -1,189 +1,150 @@
-"""Prepares a flight on its engine: this machine, a cluster, or a bench of a cluster.
+"""Prepares a flight on its engine: this machine, or one that a plugin adds.
 
 Used by `run`, `search` and the Python API.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
-from campaigns.expansion.expansion import Campaign, Options, load_campaign
-from orchestrator.campaign.campaign_runner import FlyingSettings
-from orchestrator.campaign.folder.bench_lock import held_benches
-from orchestrator.campaign.folder.campaign_folder import require_writable
-from orchestrator.campaign.folder.repetitions import planned
-from orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
-from orchestrator.campaign.workers.run_engine import EngineError, LocalRunEngine, RunEngine
-from orchestrator.campaign.workers.run_server import start_run_server
-from orchestrator.cli.arming_consent import REFUSED, Cleared, RefusedError, clear
-from orchestrator.cli.bench_flight import bench_flight, is_for_bench
-from orchestrator.cli.clock_choice import shared_of
-from orchestrator.cli.standard_streams import err
-from orchestrator.engines.ray_engine import engine_address, ray_engine
-from orchestrator.model.clock import Clock
-from orchestrator.storage.store import Store, StoreRefusedError, open_store
-
-LOCAL = "local"
-"""The engine of this machine."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlightOrder:
-    """The campaign to fly and the options of `run` for it.
-
-    select: reduces the campaign to the runs to fly. Without arm each case and mode is tried up to
-    arming.
-    """
-
-    file: Path
-    options: Options
-    out: Path
-    junit: Path | None = None
-    engine: str = LOCAL
-    store: str = ""
-    clock: Clock | None = None
-    jobs: int | None = None
-    resume: bool = False
-    arm: bool = True
-    arm_real: bool = False
-    arm_actors: bool = False
-    again: tuple[str, ...] = ()
-    select: Callable[[Campaign], Campaign] = lambda campaign: campaign
-
-    def load(self) -> Campaign:
-        """Return the campaign with the requested runs. Raises BadInput."""
-        return self.select(load_campaign(self.file, self.options))
-
-    def settings(self, cleared: Cleared) -> FlyingSettings:
-        """Return how a campaign that was cleared is flown."""
-        return FlyingSettings(
-            out=self.out,
-            clock=cleared.clock,
-            jobs=cleared.jobs,
-            junit=self.junit,
-            resume=self.resume,
-            again=self.again,
-            arm=self.arm,
-            real_kind=cleared.real_kind,
-            hardware=cleared.hardware,
-        )
+from wil_campaign.campaigns.expansion.expansion import (
+    Campaign,
+    Options,
+    load_campaign,
+    requested_bench,
+)
+from wil_campaign.hooks import Engine, engines
+from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import require_writable
+from wil_campaign.orchestrator.campaign.folder.repetitions import planned
+from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
+from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL, EngineError
+from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
+from wil_campaign.orchestrator.cli.arming_consent import REFUSED, RefusedError, clear
 
 
 @contextmanager
-def ready_flight(order: FlightOrder) -> Iterator[tuple[Campaign, FlyingSettings]]:
-    """Yield a campaign that may be flown, after consent where it is required, and its settings.
+def ready_flight(
+    file: Path, selection: Options, options: FlightOptions
+) -> Iterator[tuple[Campaign, Cleared]]:
+    """Yield a campaign that may be flown, after consent where it is required.
 
     Its engine and its bench are reserved until the end. Raises BadInput, OutputError, RefusedError,
     EngineError, TakenError.
     """
-    if order.engine == LOCAL:
-        result_store(order.store, order.engine)
-        with _ready_here(order) as flight:
+    if options.engine == LOCAL:
+        result_store(options)
+        with _ready_here(load_selected(file, selection, options), options) as flight:
             yield flight
         return
-    address = engine_address(order.engine)
-    is_of_bench = is_for_bench(order.file, order.options, order.engine)
-    if is_of_bench and address is not None:
-        ready = _ready_on_bench(order, address)
+    check_engine(options.engine)
+    if selection.benches:
+        raise RefusedError(
+            f"--engine {options.engine}: a cluster has its own benches; leave --bench-file out",
+            REFUSED,
+        )
+    request = requested_bench(file, selection)
+    if request is None:
+        ready = _ready_elsewhere(load_selected(file, selection, options), options)
     else:
-        ready = _ready_over_cluster(order)
+        on_bench = load(_engine_of(options.engine).on_bench)
+        ready = on_bench(file, selection, options, *request)
     with ready as flight:
         yield flight
 
 
+def load_selected(file: Path, selection: Options, options: FlightOptions) -> Campaign:
+    """Return the campaign with the requested runs. Raises BadInput, RefusedError."""
+    campaign = load_campaign(file, selection)
+    if options.runs is None:
+        return campaign
+    known = {plan.name for plan in campaign.plans}
+    if unknown := [name for name in options.runs if name not in known]:
+        raise RefusedError(f"the campaign has no run '{unknown[0]}'", REFUSED)
+    return only_runs(campaign, frozenset(options.runs))
+
+
+def only_runs(campaign: Campaign, names: Collection[str]) -> Campaign:
+    """Return a campaign with only some of its runs and controls; `left_out` counts the others."""
+    runs = tuple(plan for plan in campaign.runs if plan.name in names)
+    controls = tuple(plan for plan in campaign.controls if plan.name in names)
+    missing = len(campaign.plans) - len(runs) - len(controls)
+    left_out = (f"{missing} of {len(campaign.plans)} runs and controls",) if missing else ()
+    return replace(campaign, runs=runs, controls=controls, left_out=(*campaign.left_out, *left_out))
+
+
+def check_engine(text: str) -> None:
+    """Raise EngineError for a value of --engine that cannot be used."""
+    if text != LOCAL:
+        load(_engine_of(text).check)(text)
+
+
 @contextmanager
-def runs_engine(
-    text: str,
-    campaign: Campaign,
-    cleared: Cleared,
-    *,
-    store: str,
-    jobs: int | None,
-    runs: int,
-    again: bool,
-) -> Iterator[tuple[RunEngine, int]]:
-    """Start the engine named by --engine; yield it, and how many of `runs` fly at once.
+def on_engine(
+    campaign: Campaign, options: FlightOptions, cleared: Cleared, *, runs: int, again: bool
+) -> Iterator[Cleared]:
+    """Start the engine named by --engine; yield the clearance to fly `runs` there.
 
-    store, jobs: the values of --store and --jobs. again: it flies further campaigns. Raises
-    EngineError.
+    again: the engine flies further campaigns. Raises EngineError.
     """
-    place = result_store(store, text)
-    if text == LOCAL:
-        yield LocalRunEngine(), cleared.jobs
+    store = result_store(options)
+    if options.engine == LOCAL:
+        yield cleared
         return
-    address = engine_address(text)
-    # A cluster has more cores than this machine.
-    is_open = address is not None and jobs is None and not shared_of(campaign)
-    count = None if is_open else min(cleared.jobs, runs)
-    cores = 1 if cleared.clock == "virtual" else 2
-    with ray_engine(
-        address, jobs=count, cores=cores, keeps_agents=again, store=place, say=err
-    ) as engine:
-        yield engine, engine.places
+    start = load(_engine_of(options.engine).start)
+    with start(campaign, options, cleared, store=store, runs=runs, again=again) as elsewhere:
+        yield elsewhere
 
 
-def result_store(url: str, engine: str) -> Store | None:
+def result_store(options: FlightOptions) -> object:
     """Return the store of --store; None without. Raises EngineError for one that is refused."""
-    if not url:
+    if not options.store:
         return None
-    if engine == LOCAL:
+    if options.engine == LOCAL:
         raise EngineError(
             "--store: --engine local writes its results to --out; leave --store out", 2
         )
-    try:
-        return open_store(url)
-    except StoreRefusedError as error:
-        raise EngineError(str(error), 2) from error
+    if not (store := _engine_of(options.engine).store):
+        raise EngineError(f"--store: --engine {options.engine} uses none; leave --store out", 2)
+    found: object = load(store)(options.store)
+    return found
+
+
+def _engine_of(text: str) -> Engine:
+    """Return the engine of a plugin that a value of --engine names. Raises EngineError."""
+    name, known, missing = text.partition("://")[0], added(engines, (LOCAL,)), absent(engines)
+    if name in known:
+        return known[name]
+    if name in missing:
+        raise EngineError(f"--engine {text}: {missing[name]}", 2)
+    values = ", ".join([LOCAL, *(one.values for one in known.values())])
+    raise EngineError(f"--engine {text}: must be {values}", 2)
 
 
 @contextmanager
-def _ready_here(order: FlightOrder) -> Iterator[tuple[Campaign, FlyingSettings]]:
+def _ready_here(campaign: Campaign, options: FlightOptions) -> Iterator[tuple[Campaign, Cleared]]:
     """Prepare a flight in processes of this machine."""
-    campaign = order.load()
+    require_writable(options.out, junit=options.junit)
     start_run_server()
-    require_writable(order.out, junit=order.junit)
-    settings = order.settings(_clear(campaign, order))
+    cleared = clear(campaign, options)
     with held_benches(campaign.benches):
-        yield campaign, settings
+        yield campaign, cleared
 
 
 @contextmanager
-def _ready_over_cluster(order: FlightOrder) -> Iterator[tuple[Campaign, FlyingSettings]]:
-    """Prepare a flight over the nodes of a cluster."""
-    campaign = order.load()
-    _refuse_attached(campaign, order.engine)
-    require_writable(order.out, junit=order.junit)
-    cleared = _clear(campaign, order)
-    settings = order.settings(cleared)
-    runs = len(planned(campaign, arm=settings.arm))
-    with runs_engine(
-        order.engine,
-        campaign,
-        cleared,
-        store=order.store,
-        jobs=order.jobs,
-        runs=runs,
-        again=False,
-    ) as (engine, at_once):
-        yield campaign, replace(settings, engine=engine, jobs=at_once)
-
-
-@contextmanager
-def _ready_on_bench(order: FlightOrder, address: str) -> Iterator[tuple[Campaign, FlyingSettings]]:
-    """Prepare a flight on a bench of a cluster; the bench is locked by its own server."""
-    require_writable(order.out, junit=order.junit)
-    with bench_flight(
-        order.file,
-        order.options,
-        address,
-        clock=order.clock,
-        jobs=order.jobs,
-        arm=order.arm,
-        select=order.select,
-        store=result_store(order.store, order.engine),
-    ) as flight:
-        yield flight.campaign, replace(order.settings(flight.cleared), engine=flight.engine)
+def _ready_elsewhere(
+    campaign: Campaign, options: FlightOptions
+) -> Iterator[tuple[Campaign, Cleared]]:
+    """Prepare a flight by an engine of a plugin."""
+    _refuse_attached(campaign, options.engine)
+    require_writable(options.out, junit=options.junit)
+    here = clear(campaign, options)
+    runs = len(planned(campaign, arm=options.arm))
+    with on_engine(campaign, options, here, runs=runs, again=False) as cleared:
+        yield campaign, cleared
 
 
 def _refuse_attached(campaign: Campaign, engine: str) -> None:
@@ -195,15 +156,3 @@ def _refuse_attached(campaign: Campaign, engine: str) -> None:
             "given; fly there with --engine local",
             REFUSED,
         )
-
-
-def _clear(campaign: Campaign, order: FlightOrder) -> Cleared:
-    """Return the campaign cleared to run. Raises RefusedError."""
-    return clear(
-        campaign,
-        clock=order.clock,
-        jobs=order.jobs,
-        arm=order.arm,
-        arm_real=order.arm_real,
-        arm_actors=order.arm_actors,
-    )

@@ -3,14 +3,14 @@
 from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
-from orchestrator.model.external_results import (
+from wil_campaign.orchestrator.model.external_results import (
     CaptureResult,
     ExternalResult,
     InjectedResult,
     OutletResult,
     SourceResult,
 )
-from orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.model.results import RunResult
 
 R = TypeVar("R")
 

@@ -1,11 +1,9 @@
-"""Writes the report at the end of `run` and `search`; its failure leaves the results as is."""
+"""Writes the report at the end of `run`; its failure leaves the results as is."""
 
 from pathlib import Path
 
-from campaigns.search.search_campaign import SearchCampaign
-from orchestrator.cli.standard_streams import err
-from orchestrator.report import campaign_report, search_report
-from orchestrator.search.search_runner import SearchOutcome
+from wil_campaign.orchestrator.cli.standard_streams import err
+from wil_campaign.orchestrator.report import campaign_report
 
 
 def write_final_report(folder: Path) -> campaign_report.WrittenReport | None:
@@ -24,14 +22,3 @@ def write_final_report(folder: Path) -> campaign_report.WrittenReport | None:
         f"without it, and `wil-campaign report {folder}` writes it"
     )
     return None
-
-
-def write_search_report(search: SearchCampaign, outcome: SearchOutcome) -> Path | None:
-    """Write the report of a search; return its path, or None after an error message."""
-    try:
-        return search_report.write_search_page(search, outcome)
-    except Exception as error:  # noqa: BLE001 - the flights are over, and their results are whole
-        why = f"{type(error).__name__}: {error}"
-        name = search_report.FILE_NAME
-        err(f"ERROR: {name} was not written ({why}); the results are complete without it")
-        return None

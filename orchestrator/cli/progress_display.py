@@ -11,10 +11,10 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
-from orchestrator.campaign.display_thread import Display, DisplayThread
-from orchestrator.cli.standard_streams import ignore_broken_pipe
-from orchestrator.model.progress import Progress
-from orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.campaign.display_thread import Display, DisplayThread
+from wil_campaign.orchestrator.cli.standard_streams import ignore_broken_pipe
+from wil_campaign.orchestrator.model.progress import Progress
+from wil_campaign.orchestrator.model.results import RunResult
 
 VERDICT_STYLES = {
     "PASS": "green",
@@ -144,7 +144,7 @@ def _flying_cells(progress: Progress) -> Iterable[RenderableType]:
     yield "" if progress.skew_ms is None else f"skew {progress.skew_ms:.1f} ms"
     yield "" if progress.clearance_m is None else f"clearance {progress.clearance_m:.2f} m"
     so_far = progress.verdict_so_far
-    yield "" if so_far is None else Text(so_far, style=VERDICT_STYLES.get(so_far, ""))
+    yield Text(so_far or "", style=VERDICT_STYLES.get(so_far or "", ""))
 
 
 def finished_line(result: RunResult) -> Text:
@@ -154,7 +154,7 @@ def finished_line(result: RunResult) -> Text:
     line.append(f"{result.verdict:<7}", style=VERDICT_STYLES.get(result.verdict, ""))
     if result.control is not None:
         met = result.control.met
-        note = " (control, as it must)" if met else " (control, not as it must)"
+        note = " (control, as required)" if met else " (control, NOT as required)"
         line.append(note, style="dim" if met else "bold red")
     elif not result.required:
         line.append(" (reported)", style="dim")

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
 from cyclopts import Parameter
 
-from campaigns.expansion.expansion import Options
-from campaigns.setup.bench_file import load_benches
+from wil_campaign.campaigns.expansion.expansion import Options
+from wil_campaign.campaigns.setup.bench_file import load_benches
 
 
 @Parameter(name="*")
@@ -51,6 +51,18 @@ class Choice:
             sets=(*self.set_, *further),
             is_autonomy_isolated=True,
             benches=load_benches(self.bench_file),
+        )
+
+    @classmethod
+    def of(cls, options: Options) -> Self:
+        """Return the selection of a campaign that was loaded by options."""
+        return cls(
+            case=options.cases,
+            mode=options.modes,
+            repetitions=options.repetitions,
+            seed=options.seed,
+            set_=options.sets,
+            bench_file=tuple(bench.document.path for bench in options.benches),
         )
 
 

@@ -1,23 +1,35 @@
 """The verdict table at the end of a campaign, and the lines beneath it."""
 
+import re
+import shlex
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
+from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from campaigns.values.acceptance import Requirement, Standing
-from orchestrator.cli.external_lines import external_lines
-from orchestrator.cli.progress_display import VERDICT_STYLES
-from orchestrator.cli.text_table import count_text
-from orchestrator.model.acceptance_texts import required_text, row_verdict, shortfall_texts
-from orchestrator.model.campaign_results import Summary
-from orchestrator.model.caveats import caveats, in_short, synthesised_texts
-from orchestrator.model.exit_codes import standings_of
-from orchestrator.model.results import Percentiles, RunResult
-from safety.evaluation.judge import COLLISION_ALWAYS
+from wil_campaign.campaigns.values.acceptance import Requirement, Standing
+from wil_campaign.orchestrator.cli.external_lines import external_lines
+from wil_campaign.orchestrator.cli.progress_display import VERDICT_STYLES
+from wil_campaign.orchestrator.cli.text_table import count_text
+from wil_campaign.orchestrator.model.acceptance_texts import (
+    required_text,
+    row_verdict,
+    shortfall_texts,
+)
+from wil_campaign.orchestrator.model.campaign_results import Summary
+from wil_campaign.orchestrator.model.caveats import (
+    caveats,
+    in_short,
+    retried_texts,
+    synthesised_texts,
+)
+from wil_campaign.orchestrator.model.exit_codes import standings_of
+from wil_campaign.orchestrator.model.results import Percentiles, RunResult
+from wil_campaign.safety.evaluation.judge import COLLISION_ALWAYS
 
 _COLUMNS = (
     "case",
@@ -32,6 +44,12 @@ _COLUMNS = (
 )
 """The worst of all runs of a row: clearance, offset in the gate, takeoff skew, mixing rate, and
 the largest median of the registration error."""
+
+LAST_LINE = 120
+"""Letters of the last line at most; what is longer stands above it."""
+_ABOVE = "more above"
+_MOST_RETRIED = 3
+"""How many runs that took several attempts the last line names; the lines above have all."""
 
 
 def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Table:
@@ -96,7 +114,7 @@ def closing_lines(
         *outside,
         *caveat_lines,
         *(decided if short else ()),
-        _conclusion(summary, changed_since_flight),
+        *_conclusion(summary, changed_since_flight),
     ]
 
 
@@ -107,7 +125,7 @@ def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[Ren
         f"{passed}/{len(runs)}",
         _verdict(runs, standing),
         _worst(runs, {"collision", COLLISION_ALWAYS.name}),
-        _worst(runs, {"reached"}, largest=True),
+        _worst(runs, {"reached", "reached_position"}, largest=True),
         _largest_ms([run.sync.takeoff_skew_s for run in runs]),
         *_mixing_cells(runs),
     )
@@ -116,7 +134,8 @@ def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[Ren
 def _verdict(runs: Sequence[RunResult], standing: Standing | None) -> Text:
     """Return a row's verdict, with the required share where it is not all, or the tested rates.
 
-    A PASS for which runs were flown again has a star; the lines beneath name those runs.
+    A PASS for which runs were flown again has a star, and how many attempts one took at most; the
+    lines beneath name those runs.
     """
     if standing is None:
         return Text("reported", style="dim")
@@ -125,8 +144,8 @@ def _verdict(runs: Sequence[RunResult], standing: Standing | None) -> Text:
     wanted = "" if share.passes == share.runs else f" ({share})"
     if test is not None:
         wanted = f" ({test.at_least:g}:{test.against:g})"
-    if word == "PASS" and any(run.attempts for run in runs):
-        return Text(f"PASS*{wanted}", style="yellow")
+    if word == "PASS" and (most := max(len(run.attempts) for run in runs)):
+        return Text(f"PASS*{wanted}, {most + 1} attempts", style="yellow")
     return Text(f"{word}{wanted}", style=VERDICT_STYLES.get(word, "yellow"))
 
 
@@ -177,11 +196,46 @@ def _reasons(summary: Summary) -> list[Text]:
         if run.verdict != "PASS" or run.attempts
     ]
     lines += [
-        Text(f"control {run.case} {run.mode} {run.verdict}, as it must: {run.reason}", style="dim")
+        Text(f"control {run.case} {run.mode} {run.verdict}, as required: {run.reason}", style="dim")
         for run in summary.controls
         if run.control is not None and run.control.met
     ]
     return lines + [Text(text, style="bold red") for text in summary.unmet]
+
+
+def explained_words(summary: Summary) -> list[Text]:
+    """Return a line for each word of the verdict table that a newcomer may not know."""
+    runs = (*summary.runs, *summary.controls)
+    found = {
+        "reported: flown and judged, but not required by `accept`": any(
+            not run.required and run.control is None for run in runs
+        ),
+        "control: a run that must not pass; it shows that the campaign can fail": any(
+            run.control is not None for run in runs
+        ),
+        "INVALID: the flight proves nothing, neither for nor against": any(
+            run.verdict == "INVALID" for run in runs
+        ),
+        "left out: required by the campaign, but not selected on the command line": bool(
+            summary.left_out
+        ),
+    }
+    return [Text(line, style="dim") for line, is_shown in found.items() if is_shown]
+
+
+def next_steps(summary: Summary, *, file: Path, folder: Path, has_report: bool) -> list[Text]:
+    """Return what a person may do next, as lines. file: of the campaign; folder: its results."""
+    steps = []
+    is_cut = summary.stopped is not None or bool(summary.broken)
+    if summary.not_flown or is_cut:
+        line = shlex.join(("wil-campaign", "run", str(file), "--out", str(folder), "--resume"))
+        steps.append(f"next: {line} flies what is missing")
+    if any(run.verdict == "FAIL" for run in summary.runs):
+        line = shlex.join(("wil-campaign", "judge", str(file), str(folder)))
+        steps.append(f"next: {line} tries other limits without flying")
+    if has_report:
+        steps.append("next: open the report in a browser; it begins with what decided")
+    return [Text(line, style="dim") for line in steps]
 
 
 def _planned_count(summary: Summary) -> int:
@@ -189,30 +243,55 @@ def _planned_count(summary: Summary) -> int:
     return len(summary.runs) + len(summary.controls) + len(summary.not_flown)
 
 
-def _conclusion(summary: Summary, changed_since_flight: Sequence[str]) -> Text:
-    """Return the verdict table's last line: accepted or not."""
+def _conclusion(summary: Summary, changed_since_flight: Sequence[str]) -> list[Text]:
+    """Return the verdict table's last line, accepted or not; before it what does not fit there."""
     words = {True: ("accepted", "bold green"), False: ("not accepted", "bold red")}
     text, style = words.get(summary.accepted or False, ("", ""))
     if summary.accepted is None:
         text, style = "nothing required was flown", "yellow"
     elif summary.left_out:
         text += " of what was flown"
-    if summary.totals.retried:
-        text, style = f"{text}; {summary.totals.retried} not at the first attempt", "yellow"
-    for caveat in in_short(summary):
-        text, style = f"{text}; {caveat}", "yellow"
+    parts = []
+    if again := retried_texts(summary.runs):
+        more = f"; and {len(again) - _MOST_RETRIED} more" if len(again) > _MOST_RETRIED else ""
+        named = "; ".join(again[:_MOST_RETRIED])
+        parts.append(f"{len(again)} not at the first attempt ({named}{more})")
+    parts += in_short(summary)
+    style = "yellow" if parts else style
     if summary.not_flown:
-        text += f"; never flown: {len(summary.not_flown)} of {_planned_count(summary)}"
+        parts.append(f"never flown: {len(summary.not_flown)} of {_planned_count(summary)}")
     if summary.left_out:
         style = "yellow" if summary.accepted else style
-        text += f"; required, and left out: {', '.join(summary.left_out)}"
+        parts.append(f"required but left out: {', '.join(summary.left_out)}")
     if summary.ending:
         style = "yellow" if summary.accepted is not False else style
-        text += f"; {summary.ending}"
+        parts.append(summary.ending)
     if changed_since_flight:
         style = "yellow" if summary.accepted else style
-        text += f"; judged by other options or files than flown: {', '.join(changed_since_flight)}"
+        named = ", ".join(changed_since_flight)
+        parts.append(f"judged by other options or files than flown: {named}")
     if summary.unmet:
-        text, style = f"{text}: {'; '.join(summary.unmet)}", "bold red"
+        style = "bold red"
+        parts += summary.unmet
     note = " (the embedded surrogate played the real vehicle)" if summary.surrogate else ""
-    return Text(text, style=style).append(note, style="dim")
+    kept = _fitting(text, parts, LAST_LINE - len(note))
+    last = Text("; ".join([text, *kept]), style=style).append(note, style="dim")
+    return [*(Text(part, style=style) for part in parts if part not in kept), last]
+
+
+def _fitting(text: str, parts: Sequence[str], most: int) -> list[str]:
+    """Return the parts for a line of so many letters: whole, else in short, else only counted."""
+    kept: list[str] = []
+    for index, part in enumerate(parts):
+        later = [_head(one) for one in parts[index + 1 :]]
+        fits = len("; ".join([text, *kept, part, *later])) <= most
+        kept.append(part if fits else _head(part))
+    while kept and len("; ".join([text, *kept])) > most:
+        kept = [*kept[: -2 if kept[-1].endswith(_ABOVE) else -1]]
+        kept.append(f"{len(parts) - len(kept)} {_ABOVE}")
+    return kept
+
+
+def _head(part: str) -> str:
+    """Return what a part of the last line begins with, before its details."""
+    return re.split(r": | \(", part, maxsplit=1)[0]

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 Grade = Literal["good", "note", "trouble"]
+CAMPAIGNS = "campaigns"
+"""The topic of what campaign files name."""
 MARKS: dict[Grade, str] = {"good": "ok", "note": "--", "trouble": "!!"}
 
 

@@ -1,18 +1,21 @@
 """Checks of Python, of required packages, and of packages that conflict with wil-campaign."""
 
+import os
 import platform
 import re
 import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import PackageNotFoundError, requires, version
 
-from orchestrator.doctor.findings import Finding
-from vehicles.processes.linux import usable_cores
+from wil_campaign import hooks
+from wil_campaign.hooks import VehicleDriver
+from wil_campaign.installed_plugins import added
+from wil_campaign.orchestrator.doctor.findings import Finding
+from wil_campaign.vehicles.processes.linux import usable_cores
 
 TOPIC = "installed"
 _OLDEST = (3, 11)
 _PACKAGE = "wil-campaign"
-MAVSDK_REMEDY = "vehicles with driver: mavsdk need it: pip install 'mavsdk>=4.1,<5'"
 Version = Callable[[str], str]
 """Returns the version of an installed package; raises PackageNotFoundError."""
 Requirements = Callable[[str], list[str] | None]
@@ -21,10 +24,10 @@ Requirements = Callable[[str], list[str] | None]
 
 def python() -> Iterator[Finding]:
     """Yield the finding on the installed Python and the machine."""
-    text = (
-        f"Python {platform.python_version()} on {platform.system()} {platform.machine()}, "
-        f"{usable_cores()} cores"
-    )
+    usable, there = usable_cores(), os.cpu_count() or 1
+    cores = f"{usable} cores" if usable >= there else f"may use {usable} of {there} cores"
+    python = f"Python {platform.python_version()}"
+    text = f"{python} on {platform.system()} {platform.machine()}, {cores}"
     if sys.version_info < _OLDEST:
         yield Finding(TOPIC, "trouble", text, "install Python 3.11 or later")
     elif not sys.platform.startswith("linux"):
@@ -43,7 +46,7 @@ def packages(find: Version = version, requirements: Requirements = requires) -> 
         yield Finding(TOPIC, "note", text, "install it: pip install -e . in its folder")
         return
     needed = sorted(_required_packages(requirements(_PACKAGE) or []))
-    missing = [name for name in needed if not _is_there(name, find)]
+    missing = [name for name in needed if not is_there(name, find)]
     if missing:
         text = f"{_PACKAGE} {own} lacks {', '.join(missing)}"
         yield Finding(TOPIC, "trouble", text, f"pip install {' '.join(missing)}")
@@ -53,33 +56,35 @@ def packages(find: Version = version, requirements: Requirements = requires) -> 
 
 
 def drivers(find: Version = version) -> Iterator[Finding]:
-    """Yield the finding whether mavsdk is installed."""
-    try:
-        yield Finding(TOPIC, "good", f"mavsdk {find('mavsdk')}, for vehicles with driver: mavsdk")
-    except PackageNotFoundError:
-        text = "mavsdk is not installed; the driver mavlink does not need it"
-        yield Finding(TOPIC, "note", text, MAVSDK_REMEDY)
+    """Yield the findings whether the packages of the plugins' drivers are installed."""
+    for driver in added(hooks.drivers).values():
+        package = package_of(driver.requirement)
+        try:
+            text = f"{package} {find(package)}, for vehicles with driver: {driver.name}"
+            yield Finding(TOPIC, "good", text)
+        except PackageNotFoundError:
+            text = f"{package} is not installed; the driver mavlink does not need it"
+            yield Finding(TOPIC, "note", text, driver_remedy(driver))
 
 
-def foreign_packages(find: Version = version) -> Iterator[Finding]:
-    """Yield findings on installed packages that conflict with wil-campaign."""
-    if _is_there("safety", find):
-        yield Finding(
-            TOPIC,
-            "trouble",
-            "the package 'safety' is installed: it hides the module of that name in wil-campaign",
-            "pip uninstall safety, or install wil-campaign into an environment of its own",
-        )
+def driver_remedy(driver: VehicleDriver) -> str:
+    """Return how the package of a plugin's driver is installed."""
+    return f"vehicles with driver: {driver.name} need it: pip install '{driver.requirement}'"
+
+
+def package_of(requirement: str) -> str:
+    """Return the package that a requirement names, as pip reads it."""
+    return re.split(r"[^A-Za-z0-9._-]", requirement, maxsplit=1)[0]
 
 
 def _required_packages(requirements: list[str]) -> Iterator[str]:
     """Yield the names of the packages that must be installed."""
     for one in requirements:
         if "extra ==" not in one:
-            yield re.split(r"[^A-Za-z0-9._-]", one, maxsplit=1)[0]
+            yield package_of(one)
 
 
-def _is_there(name: str, find: Version) -> bool:
+def is_there(name: str, find: Version = version) -> bool:
     """Return whether a package is installed."""
     try:
         find(name)

@@ -1,10 +1,11 @@
-"""Checks of clock, serial ports, disk, and orphaned processes of earlier runs."""
+"""Checks of clock, serial ports, folders, disk, and orphaned processes of earlier runs."""
 
 import ctypes
 import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
@@ -12,33 +13,55 @@ from pathlib import Path
 
 import psutil
 
-from orchestrator.doctor.findings import Finding
-from safety.guard.process.orphaned_processes import GuardRecord
-from vehicles.driver.onboard.fence_backup import waiting_backups
-from vehicles.launch.launch_records import LaunchRecord
-from vehicles.links.serial_port import group_of
+from wil_campaign.orchestrator.doctor.findings import Finding
+from wil_campaign.orchestrator.run.flight.lateness import LATE_S
+from wil_campaign.safety.guard.process.orphaned_processes import GuardRecord
+from wil_campaign.safety.guard.process.runtime_folder import (
+    RuntimeFolderError,
+    is_too_long,
+    open_runtime_folder,
+)
+from wil_campaign.vehicles.driver.onboard.fence_backup import waiting_backups
+from wil_campaign.vehicles.launch.launch_records import LaunchRecord
+from wil_campaign.vehicles.links.serial_port import group_of
+from wil_campaign.worlds.files.paths import is_folder, require_utf8
+from wil_campaign.worlds.files.problems import BadInput
+from wil_campaign.worlds.jit import KernelCache
 
 CLOCK = "clock"
 SERIAL = "serial ports"
 LEFT = "left over"
 DISK = "results"
+KERNELS = "kernels"
+SOCKETS = "sockets"
 _TIMEX_BYTES = 208
 _TIME_ERROR = 5
 """TIME_ERROR of adjtimex(2): the clock is not synchronised."""
 _NAPS, _NAP_S = 25, 0.002
 _LATE_S = 0.005
+_PERIODS, _PERIOD_S = 50, 0.02
 _LEAST_FREE_BYTES = 2_000_000_000
 _OLDEST_YEAR = 2025
 
 
-def clock(late_s: float, *, synchronised: bool | None, now: datetime) -> Iterator[Finding]:
+def clock(
+    late_s: float, *, stalled_s: float, synchronised: bool | None, now: datetime
+) -> Iterator[Finding]:
     """Yield findings on wake-up latency, date and synchronisation of the clock.
 
-    late_s: the wake-up latency of a process (see `wakes_late_s`). synchronised: None where unknown.
+    late_s: the wake-up latency of a process (see `wakes_late_s`); stalled_s: its longest stall (see
+    `stalls_s`). synchronised: None where unknown.
     """
     text = f"wakes up {late_s * 1e3:.1f} ms late"
     if late_s > _LATE_S:
         remedy = "end other programs: setpoints at 50 Hz are 20 ms apart"
+        yield Finding(CLOCK, "trouble", text, remedy)
+    else:
+        yield Finding(CLOCK, "good", text)
+    text = f"a program with a period of 20 ms was late by up to {stalled_s * 1e3:.0f} ms"
+    if stalled_s >= LATE_S:
+        why = "such a flight on the wall clock is INVALID for this machine"
+        remedy = f"{why}: end other programs, or fly what is embedded by --clock virtual"
         yield Finding(CLOCK, "trouble", text, remedy)
     else:
         yield Finding(CLOCK, "good", text)
@@ -66,6 +89,17 @@ def wakes_late_s() -> float:
     return sorted(late)[_NAPS * 9 // 10]
 
 
+def stalls_s() -> float:
+    """Return by how much a program with a period of 20 ms was late at most within a second."""
+    worst_s, due_s = 0.0, time.monotonic()
+    for _ in range(_PERIODS):
+        due_s += _PERIOD_S
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        worst_s = max(worst_s, time.monotonic() - due_s)
+        due_s = max(due_s, time.monotonic())
+    return worst_s
+
+
 def guard_privileges(scheduling: str, *, in_memory: bool) -> Iterator[Finding]:
     """Yield the findings on what the system grants the guard's process (`granted_to_guard`)."""
     remedy = "add a line like `NAME - %s` to /etc/security/limits.d, and log in again"
@@ -88,7 +122,7 @@ def granted_to_guard() -> tuple[str, bool]:
     Tried in a short process.
     """
     names = "rise_above_load, stay_in_memory"
-    program = f"from vehicles.processes.linux import {names}; "
+    program = f"from wil_campaign.vehicles.processes.linux import {names}; "
     program += "print(rise_above_load(), stay_in_memory(), sep='\\n')"
     result = subprocess.run(  # noqa: S603 - this interpreter
         [sys.executable, "-P", "-c", program], capture_output=True, check=False, text=True
@@ -136,14 +170,15 @@ def serial(devices: Iterable[str]) -> Iterator[Finding]:
 
 
 def orphans(
-    launches: Iterable[LaunchRecord], guards: Iterable[GuardRecord], backups: Path
+    launches: Iterable[LaunchRecord], guards: Iterable[GuardRecord], backups: Path | None
 ) -> Iterator[Finding]:
     """Yield findings on orphans: simulators, vehicles, parameters that were not restored.
 
     guards: records of all guards; vehicles of a live guard are not orphans. backups: the folder of
-    parameter backups.
+    parameter backups; None where this user can have none.
     """
-    found = [*_simulators(launches), *_vehicles(guards), *_parameters(backups)]
+    parameters = () if backups is None else _parameters(backups)
+    found = [*_simulators(launches), *_vehicles(guards), *parameters]
     yield from found or [Finding(LEFT, "good", "nothing")]
 
 
@@ -179,8 +214,44 @@ def _runs(name: str) -> bool:
     return any(process.info["name"] == name for process in psutil.process_iter(["name"]))
 
 
-def disk(folder: Path) -> Iterator[Finding]:
+def kernels(cache: KernelCache) -> Iterator[Finding]:
+    """Yield the finding where JIT-compiled kernels are cached, and whether that is writable."""
+    why = "; ".join(cache.passed_over)
+    remedy = "set NUMBA_CACHE_DIR to a folder of your own that is kept"
+    if cache.folder is None:
+        text = f"compiled kernels are cached nowhere, each process compiles for a minute: {why}"
+        yield Finding(KERNELS, "note", text, remedy)
+    elif cache.folder.parent == Path(tempfile.gettempdir()):
+        text = f"compiled kernels are cached in {cache.folder}, which may not be kept: {why}"
+        yield Finding(KERNELS, "note", text, remedy)
+    else:
+        text = f"compiled kernels are cached in {cache.folder}, which is writable"
+        yield Finding(KERNELS, "good", text)
+
+
+def sockets() -> Iterator[Finding]:
+    """Yield the finding on the folder of sockets."""
+    try:
+        folder = open_runtime_folder().path
+    except RuntimeFolderError as error:
+        yield Finding(SOCKETS, "trouble", str(error))
+        return
+    base = os.environ.get("XDG_RUNTIME_DIR")
+    if base and is_too_long(base):
+        text = f"XDG_RUNTIME_DIR is too long for paths of sockets; {folder} is used"
+        yield Finding(SOCKETS, "note", text)
+    else:
+        yield Finding(SOCKETS, "good", f"sockets are in {folder}")
+
+
+def disk(results: Path) -> Iterator[Finding]:
     """Yield the finding whether results can be written to a folder."""
+    try:
+        require_utf8(results)
+    except BadInput as error:
+        yield Finding(DISK, "trouble", str(error))
+        return
+    folder = next((one for one in (results, *results.parents) if is_folder(one)), Path())
     if not os.access(folder, os.W_OK):
         remedy = "give another folder by --out"
         yield Finding(DISK, "trouble", f"{folder} is not writable", remedy)

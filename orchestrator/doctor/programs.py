@@ -1,22 +1,19 @@
-"""Checks for SITL builds of autopilots, docker images and MQTT brokers."""
+"""Checks for SITL builds of autopilots, and docker images."""
 
 import shutil
-import socket
 import subprocess
 from collections.abc import Callable, Iterator
-from importlib.util import find_spec
 from pathlib import Path
 
-from orchestrator.doctor.findings import Finding
+from wil_campaign.orchestrator.doctor.findings import Finding
+from wil_campaign.worlds.files.paths import is_file
 
 AUTOPILOTS = "autopilots"
-BROKERS = "brokers"
-_BROKER_PORT = 1883
 _DOCKER_S = 5.0
 Which = Callable[[str], str | None]
 
 
-def autopilots(home: Path, which: Which = shutil.which) -> Iterator[Finding]:
+def autopilots(home: Path | None, which: Which = shutil.which) -> Iterator[Finding]:
     """Yield findings on ArduPilot and PX4 SITL, beneath `home` and on PATH."""
     yield Finding(AUTOPILOTS, "good", "embedded PX4 and ArduCopter: nothing to install")
     copter = _first(home, "ardupilot/build/sitl/bin/arducopter") or which("arducopter")
@@ -43,25 +40,6 @@ def autopilots(home: Path, which: Which = shutil.which) -> Iterator[Finding]:
             "to launch it: make px4_sitl in PX4's folder, or use a container image",
         )
     yield from _docker(which)
-
-
-def brokers(
-    which: Which = shutil.which, port: int = _BROKER_PORT, module: str = "amqtt"
-) -> Iterator[Finding]:
-    """Yield findings on MQTT brokers that run here or are installed."""
-    if _broker_answers(port):
-        yield Finding(BROKERS, "good", f"a program answers on tcp {port}, MQTT's port")
-    elif which("mosquitto"):
-        yield Finding(BROKERS, "note", "mosquitto is installed but not running", "mosquitto -d")
-    else:
-        yield Finding(
-            BROKERS,
-            "note",
-            f"no broker answers on tcp {port}, and mosquitto is not on PATH",
-            "for operators on other machines: apt install mosquitto",
-        )
-    if find_spec(module) is not None:
-        yield Finding(BROKERS, "good", f"{module}, a broker in Python, is installed")
 
 
 def _docker(which: Which) -> Iterator[Finding]:
@@ -98,16 +76,6 @@ def _docker(which: Which) -> Iterator[Finding]:
         yield Finding(AUTOPILOTS, "note", "docker, without an image of PX4", remedy)
 
 
-def _first(home: Path, place: str) -> Path | None:
+def _first(home: Path | None, place: str) -> Path | None:
     """Return a program's path beneath home; None if it is not a file."""
-    found = home / place
-    return found if found.is_file() else None
-
-
-def _broker_answers(port: int) -> bool:
-    """Return whether a program accepts connections on a local port."""
-    try:
-        with socket.create_connection(("127.0.0.1", port), timeout=0.5):
-            return True
-    except OSError:
-        return False
+    return home / place if home is not None and is_file(home / place) else None

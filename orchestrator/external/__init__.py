@@ -1,1 +1,1 @@
-"""External I/O of a run: sources, image outlets, injections, and autonomy programs."""
+"""External I/O of a run: its sources, and what plugins observe of it."""

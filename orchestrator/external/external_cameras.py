@@ -2,15 +2,15 @@
 
 from pathlib import Path
 
-from campaigns.values.external_setups import SourceSetup
-from campaigns.values.sensor_setups import CameraSetup
-from orchestrator.external.external_sources import ExternalSource
-from vehicles.readings import Source
-from vehicles.sources.camera_source import CameraSource
-from vehicles.sources.cameras.camera_factory import live_camera
-from vehicles.sources.cameras.image_files import ImageFolder, VideoFile
-from vehicles.sources.cameras.mcap_images import McapFile
-from vehicles.sources.cameras.recorded_camera import ImageFile, RecordedCamera
+from wil_campaign.campaigns.values.external_setups import SourceSetup
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup
+from wil_campaign.orchestrator.external.external_sources import ExternalSource
+from wil_campaign.vehicles.readings import Source
+from wil_campaign.vehicles.sources.camera_source import CameraSource
+from wil_campaign.vehicles.sources.cameras.camera_factory import live_camera
+from wil_campaign.vehicles.sources.cameras.image_files import ImageFolder, VideoFile
+from wil_campaign.vehicles.sources.cameras.mcap_images import McapFile
+from wil_campaign.vehicles.sources.cameras.recorded_camera import ImageFile, RecordedCamera
 
 
 class ExternalCamera(ExternalSource):

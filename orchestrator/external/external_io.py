@@ -3,39 +3,33 @@
 import asyncio
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import Self
 
-from campaigns.setup.perceived_cameras import perceived_cameras
-from campaigns.values.external_setups import MocapSetup
-from campaigns.values.sensor_setups import CameraSetup
-from orchestrator.delivery.camera_component import CameraComponent, VideoStream
-from orchestrator.external.external_cameras import ExternalCamera
-from orchestrator.external.external_readings import ReadingSources
-from orchestrator.external.ground_station import GroundStation
-from orchestrator.external.image_outlets import Outlet, Outlets, image_delivery
-from orchestrator.external.injection_check import InjectionProof, prove_injection
-from orchestrator.external.injector import Injector, ScenePoses
-from orchestrator.external.motion_captures import MotionCaptures
-from orchestrator.external.simulator_check import SimulatorCheck
-from orchestrator.model.external_results import ExternalResult, SourceResult
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.run_state import RunState, Stage
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.model.oracle_results import Flag
-from vehicles.links.link_factory import open_link
-from vehicles.links.link_strings import parse_link
-from vehicles.readings import CameraReading, Reading, Source
-from vehicles.sources.simulator.shown_world import asked_world, poses_of_moving
-from vehicles.sources.simulator.simulator_camera import ZmqImageSource
+from wil_campaign.campaigns.values.external_setups import MocapSetup
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup
+from wil_campaign.hooks import run_observers
+from wil_campaign.installed_plugins import added, load
+from wil_campaign.orchestrator.external.external_cameras import ExternalCamera
+from wil_campaign.orchestrator.external.external_readings import ReadingSources
+from wil_campaign.orchestrator.external.motion_captures import MotionCaptures
+from wil_campaign.orchestrator.external.simulator_check import SimulatorCheck
+from wil_campaign.orchestrator.model.external_results import ExternalResult, SourceResult
+from wil_campaign.orchestrator.state.observer import Observer
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.model.oracle_results import Flag
+from wil_campaign.vehicles.readings import Reading, Source
+from wil_campaign.vehicles.sources.simulator.shown_world import asked_world, poses_of_moving
+from wil_campaign.vehicles.sources.simulator.simulator_camera import ZmqImageSource
 
 _WATCH_S = 0.1
 _STALLED_S = 1.0
 """After so long without an image in flight, the run is INVALID."""
-_FIRST_CAMERA = 100
-"""MAV_COMP_ID_CAMERA; the next ones follow."""
 _NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
 
 Key = tuple[str, str]
@@ -65,21 +59,27 @@ class _Stall:
 
 
 class ExternalIo:
-    """External I/O of one run: sources, outlets, injections; an async context manager.
+    """External I/O of one run: sources, and observers of plugins; an async context manager.
 
     cameras: those with external images; simulators: cameras that another process renders; drawn:
     the same with the check of their images in flight; all by vehicle and sensor. readings: of all
-    other external sensors. A run without external I/O is not slowed down.
+    other external sensors. note: records what happens to an input. A run without external I/O is
+    not slowed down.
     """
 
-    def __init__(self, *, setup: RunSetup, events: Mapping[str, float]) -> None:
+    def __init__(
+        self,
+        *,
+        setup: RunSetup,
+        events: Mapping[str, float],
+        note: Callable[[str], None] = lambda _: None,
+    ) -> None:
         self._setup = setup
+        self._note = note
         self._events = events
-        self._injectors: dict[str, Injector] = {}
         self._stack = AsyncExitStack()
         self._missing: dict[Key, _Stall] = {}
         self._on_stall: Callable[[str], None] = lambda _: None
-        self._proofs: tuple[InjectionProof, ...] = ()
         self.cameras: dict[Key, ExternalCamera] = {}
         self.simulators: dict[Key, ZmqImageSource] = {}
         self.drawn: dict[Key, SimulatorCheck] = {}
@@ -91,11 +91,10 @@ class ExternalIo:
             one.name: one.mocap for one in setup.vehicles if one.mocap is not None
         }
         self.captures = MotionCaptures(captured)
-        self.outlets = Outlets(self._outlets())
-        self._ground = self._ground_station()
+        self._observers = tuple(_observers(setup, events))
 
     async def __aenter__(self) -> Self:
-        """Open all external I/O. Raises SourceError, DeliveryError, LinkError."""
+        """Open all external I/O. Raises SourceError, VehicleError."""
         async with AsyncExitStack() as stack:
             for camera in self.cameras.values():
                 await camera.open(stack)
@@ -104,9 +103,8 @@ class ExternalIo:
                 await stack.enter_async_context(simulator)
             await self._warm_up_simulators()
             await self.captures.open(stack)
-            await self.outlets.open(stack)
-            if self._ground is not None:
-                await stack.enter_async_context(self._ground.link)
+            for observer in self._observers:
+                await observer.open(stack)
             self._stack = stack.pop_all()
         return self
 
@@ -124,36 +122,21 @@ class ExternalIo:
         )
 
     def attach(self, contexts: Iterable[VehicleContext]) -> None:
-        """Attach the vehicles whose autopilots receive injections, and carry external sensors."""
-        setup, contexts = self._setup, tuple(contexts)
+        """Attach the vehicles, which carry external sensors."""
+        contexts = tuple(contexts)
         self.readings.attach(contexts)
         for context in contexts:
             for (vehicle, _), camera in self.cameras.items():
                 if vehicle == context.name:
                     camera.attach(context)
-        scene_poses = ScenePoses(
-            setup.virtual_scene if setup.mode != "real" else setup.real_scene,
-            setup.campaign.world.frame,
-            self._events,
-        )
-        for context in contexts:
-            injector = Injector(
-                context=context,
-                autopilot=setup.vehicle(context.name).autopilot,
-                injections=setup.campaign.outside.injections,
-                scene_poses=scene_poses,
-            )
-            if injector.injections:
-                self._injectors[context.name] = injector
-                context.on_mocap(injector.pose)
+        for observer in self._observers:
+            observer.attach(contexts)
 
-    async def before_arming(
-        self, contexts: Iterable[VehicleContext], *, unbooted: Mapping[str, frozenset[str]]
-    ) -> str:
-        """Check that motion capture and readings are received, and that injections are used.
+    async def before_arming(self, *, unbooted: Mapping[str, frozenset[str]]) -> str:
+        """Check that motion capture and readings are received, and what observers need.
 
         Return in words what was checked. unbooted: by vehicle the parameters that were changed
-        while it ran. Raises SourceError, UnsupportedInjectionError.
+        while it ran. Raises SourceError, VehicleError.
         """
         checked = []
         if self._setup.clock == "wall" and any(one.mocap for one in self._setup.vehicles):
@@ -162,25 +145,18 @@ class ExternalIo:
             await self.captures.ready()
         if self.readings:
             checked.append(f"readings of {await self.readings.ready()} are received")
-        if self._injectors:
-            checked.append(f"injections into {' and '.join(self._injectors)} are used")
-            vehicles = {str(one.name): one for one in self._setup.vehicles}
-            injections = self._setup.campaign.outside.injections
-            self._proofs = await prove_injection(contexts, vehicles, injections, unbooted=unbooted)
-        return "; ".join(checked) or "nothing external"
+        checked += [await one.before_arming(unbooted) for one in self._observers]
+        return "; ".join(filter(None, checked)) or "nothing external"
 
     async def run(self, run_state: RunState) -> None:
-        """Send to autopilots and ground station, and watch the sources, until cancelled."""
+        """Run the observers, and watch the sources, until cancelled."""
         async with asyncio.TaskGroup() as group:
             group.create_task(run_state.reaching("end"), name="external I/O")
-            for name, injector in self._injectors.items():
-                group.create_task(injector.run(), name=f"injection into {name}")
-            if self._ground is not None:
-                group.create_task(self._ground.run(), name="ground station")
+            for observer in self._observers:
+                for name, task in observer.tasks(run_state):
+                    group.create_task(task, name=name)
             if any(one.mocap is not None for one in self._setup.vehicles):
                 group.create_task(self._watch_captures(run_state), name="motion capture watch")
-            if self._injectors:
-                group.create_task(self._watch_injection(run_state), name="injection watch")
             if self.drawn:
                 group.create_task(self._watch_simulators(run_state), name="simulator watch")
 
@@ -201,35 +177,29 @@ class ExternalIo:
             self._on_stall(f"{' '.join(key)}: {stall.text}")
 
     def perceived(self, reading: Reading, by: Iterable[str]) -> None:
-        """Send out a perceived reading: to outlets and to autopilots."""
-        if not self._injectors and not self.outlets:
+        """Send out a perceived reading to the observers."""
+        if not self._observers:
             return
         receivers = tuple(by)
-        for name in receivers:
-            if name in self._injectors:
-                self._injectors[name].perceived(reading.sensor, reading)
-        if isinstance(reading, CameraReading):
-            self.outlets.perceived(reading.sensor, reading, receivers)
+        for observer in self._observers:
+            observer.perceived(reading, receivers)
 
     def untouched(self, reading: Reading) -> None:
         """Send out a sensor's reading as the vehicle made it."""
         if self._missing:
             self._missing.pop((reading.source, reading.sensor), None)
-        if self.outlets and isinstance(reading, CameraReading):
-            self.outlets.untouched(reading.sensor, reading)
+        for observer in self._observers:
+            observer.untouched(reading)
 
     def contact(self, flag: Flag) -> None:
         """Send out a contact at the moment it is detected."""
-        if self._ground is None:
-            return
-        objects = self._setup.judged_scene.objects
-        ids = (one.object_id for one in objects if one.name in flag.text)
-        self._ground.contact(f"{flag.vehicle} {flag.text}", object_id=next(ids, 0))
+        for observer in self._observers:
+            observer.contact(flag)
 
     @property
     def result(self) -> ExternalResult:
         """Return the results of all external I/O."""
-        return ExternalResult(
+        own = ExternalResult(
             sources=(
                 *(camera.result for camera in self.cameras.values()),
                 *self.readings.results,
@@ -239,14 +209,16 @@ class ExternalIo:
                 ),
             ),
             captures=self.captures.results,
-            outlets=self.outlets.results,
-            injected=tuple(r for one in self._injectors.values() for r in one.results),
         )
+        return reduce(ExternalResult.__add__, (one.result for one in self._observers), own)
 
     async def _watch_captures(self, run_state: RunState) -> None:
-        loop = asyncio.get_running_loop()
+        loop, noted = asyncio.get_running_loop(), 0
         while True:
             await asyncio.sleep(_WATCH_S)
+            for text in self.captures.others[noted:]:
+                self._note(text)
+                noted += 1
             flown = run_state.reached("takeoff") and not run_state.reached("landed")
             silent = self.captures.silent(loop.time()) if flown else ""
             if silent:
@@ -273,24 +245,6 @@ class ExternalIo:
             for key, check in self.drawn.items():
                 if check.fault:
                     self._on_stall(f"{' '.join(key)}: {check.fault}")
-
-    async def _watch_injection(self, run_state: RunState) -> None:
-        """End the flight as INVALID when an autopilot ignores its injections.
-
-        Only after two checks in a row: a mode change may be in progress.
-        """
-        before = ""
-        while True:
-            await asyncio.sleep(_WATCH_S)
-            problems = ""
-            if run_state.stage == "goal" and not run_state.decisive:
-                broken = ((proof, proof.broken()) for proof in self._proofs)
-                problems = "; ".join(proof.text_of(reasons) for proof, reasons in broken if reasons)
-            if problems and problems == before:
-                text = f"injection was ignored: {problems}"
-                run_state.decide("INVALID", text, source="injection")
-                return
-            before = problems
 
     async def _warm_up_simulators(self) -> None:
         """Render once with each simulator, from its vehicle's start. Raises SourceError."""
@@ -325,44 +279,12 @@ class ExternalIo:
         document = self._setup.order.plan.files.world
         return "" if document is None else document.path.stem
 
-    def _outlets(self) -> Iterable[Outlet]:
-        there = {vehicle.name: vehicle for vehicle in self._setup.with_sensors}
-        for outlet in self._setup.campaign.outside.outlets:
-            perceived = outlet.of == "perceived"
-            name = (outlet.vehicle or self._setup.subject) if perceived else outlet.of
-            if name not in there:
-                continue
-            cameras = {camera.name: camera for camera in there[name].cameras}
-            if perceived:
-                shown = perceived_cameras(self._setup.campaign, self._setup.mode, name)
-                cameras |= {camera.name: camera for camera in shown}
-            camera = cameras[outlet.sensor]
-            sdp = self._setup.order.folder / f"{outlet.sensor}-{outlet.of}.sdp"
-            delivery = image_delivery(outlet, camera, sdp_path=sdp)
-            yield Outlet(delivery, outlet.sensor, name, perceived)
 
-    def _ground_station(self) -> GroundStation | None:
-        outside = self._setup.campaign.outside
-        if outside.ground_station is None:
-            return None
-        system_id = self._setup.vehicle(self._setup.subject).system_id
-        streams = [one for one in outside.outlets if one.kind == "rtp"]
-        cameras = self._setup.vehicle(self._setup.subject).cameras
-        components = tuple(
-            CameraComponent(
-                system_id=system_id,
-                intrinsics=camera.intrinsics,
-                stream=VideoStream(
-                    port=int(one.address.rpartition(":")[2]), rate_hz=camera.rate_hz, name=one.topic
-                ),
-                component_id=_FIRST_CAMERA + number,
-            )
-            for number, one in enumerate(streams)
-            for camera in cameras
-            if camera.name == one.sensor
-        )
-        link = open_link(parse_link(outside.ground_station))
-        return GroundStation(link=link, system_id=system_id, cameras=components)
+def _observers(setup: RunSetup, events: Mapping[str, float]) -> Iterator[Observer]:
+    """Yield what observes a run, by the keys of its campaign."""
+    for name, given in setup.campaign.observers.items():
+        observer: Observer = load(added(run_observers)[name].observe)(setup, given, events)
+        yield observer
 
 
 def _simulated_source_result(

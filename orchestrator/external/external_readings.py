@@ -4,25 +4,29 @@ import asyncio
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AsyncExitStack
 from pathlib import Path
+from typing import Any
 
-from campaigns.values.external_setups import ReadingSourceSetup
-from campaigns.values.sensor_setups import LidarSetup, RangingSetup, SourcedSetup
-from orchestrator.external.external_sources import ExternalSource
-from orchestrator.model.external_results import SourceResult
-from orchestrator.recording.topic_readings import TopicReadings
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.vehicle_context import VehicleContext
-from vehicles.driver.session.repeater import Repeater
-from vehicles.readings import Reading, Source
-from vehicles.sources.camera_source import ReadingSource, SourceError
-from vehicles.sources.readings.live_readings import LiveReadings
-from vehicles.sources.readings.mavlink_messages import Beams, StatedReach
-from vehicles.sources.readings.mavlink_readings import MavlinkReadings, MavlinkSensor
-from vehicles.sources.readings.recorded_readings import RecordedReadings
-from vehicles.sources.readings.rest_check import rest_fault
-from vehicles.sources.readings.zmq_readings import ZmqReadings
-from worlds.frames import AT_ORIGIN, Pose
-from worlds.geodesy import LocalFrame
+from wil_campaign.campaigns.values.external_setups import OWN_SOURCES, ReadingSourceSetup
+from wil_campaign.campaigns.values.sensor_setups import LidarSetup, RangingSetup, SourcedSetup
+from wil_campaign.hooks import sources
+from wil_campaign.installed_plugins import added, load
+from wil_campaign.orchestrator.external.external_sources import ExternalSource
+from wil_campaign.orchestrator.model.external_results import SourceResult
+from wil_campaign.orchestrator.recording.topic_readings import TopicReadings
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.vehicles.driver.session.repeater import Repeater
+from wil_campaign.vehicles.readings import Reading, Source
+from wil_campaign.vehicles.sources.camera_source import ReadingSource, SourceError
+from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings
+from wil_campaign.vehicles.sources.readings.mavlink_messages import Beams, StatedReach
+from wil_campaign.vehicles.sources.readings.mavlink_readings import MavlinkReadings, MavlinkSensor
+from wil_campaign.vehicles.sources.readings.recorded_readings import ReadingFile, RecordedReadings
+from wil_campaign.vehicles.sources.readings.rest_check import rest_fault
+from wil_campaign.vehicles.sources.readings.zmq_readings import ZmqReadings
+from wil_campaign.vehicles.sources.source_request import SourceRequest
+from wil_campaign.worlds.frames import AT_ORIGIN, Pose
+from wil_campaign.worlds.geodesy import LocalFrame
 
 _POLL_S = 0.05
 _REQUEST_AGAIN_S = 1.0
@@ -90,15 +94,43 @@ class ExternalReadings(ExternalSource):
 
     def _make_source(self) -> ReadingSource[Reading]:
         source = self._from_setup
-        if source.kind != "mcap":
+        if source.shown_as == "live":
             return self._live
+        return RecordedReadings(file=self._make_file(), side=self._side, latency_s=source.latency_s)
+
+    def _make_file(self) -> ReadingFile:
+        """Return the reader of a recorded source."""
+        source = self._from_setup
+        if source.kind not in OWN_SOURCES:
+            file: ReadingFile = self._made_by_plugin()
+            return file
         path, kind, mount = Path(source.address), self._setup.kind, self._mount
-        file = TopicReadings(path=path, kind=kind, topic=source.topic, mount=mount)
-        return RecordedReadings(file=file, side=self._side, latency_s=source.latency_s)
+        return TopicReadings(path=path, kind=kind, topic=source.topic, mount=mount)
+
+    def _made_by_plugin(self) -> Any:
+        """Return what the plugin makes that has the source's scheme."""
+        sensor, source = self._setup, self._from_setup
+        return load(added(sources)[source.kind].open)(
+            SourceRequest(
+                address=source.address,
+                sensor=source.name,
+                kind=sensor.kind,
+                side=self._side,
+                mount=self._mount,
+                rate_hz=sensor.rate_hz,
+                topic=source.topic or "",
+                latency_s=source.latency_s,
+                open_s=source.open_s,
+                stall_s=source.stall_s,
+            )
+        )
 
     def _make_live(self) -> LiveReadings:
         """Return the receiver of a live source."""
         sensor, source = self._setup, self._from_setup
+        if source.kind not in OWN_SOURCES and source.shown_as == "live":
+            live: LiveReadings = self._made_by_plugin()
+            return live
         if source.kind == "zmq":
             return ZmqReadings(
                 address=source.address,

@@ -5,17 +5,17 @@ from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import replace
 
-from campaigns.values.external_setups import ShownAs
-from orchestrator.model.external_results import SourceResult
-from orchestrator.state.vehicle_context import VehicleContext
-from vehicles.readings import Reading, Source
-from vehicles.sources.camera_source import (
+from wil_campaign.campaigns.values.external_setups import ShownAs
+from wil_campaign.orchestrator.model.external_results import SourceResult
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.vehicles.readings import Reading, Source
+from wil_campaign.vehicles.sources.camera_source import (
     ReadingSource,
     SourceCounts,
     SourceError,
     SourceStalledError,
 )
-from vehicles.sources.readings.frozen_readings import FrozenReadings
+from wil_campaign.vehicles.sources.readings.frozen_readings import FrozenReadings
 
 Deliver = Callable[[Reading], None]
 

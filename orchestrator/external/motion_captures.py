@@ -5,16 +5,15 @@ from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 
-from campaigns.values.external_setups import MocapSetup
-from orchestrator.model.external_results import CaptureResult
-from vehicles.readings import PoseReading, Source
-from vehicles.sources.camera_source import SourceError
-from vehicles.sources.mocap.capture_inputs import UdpCapture, ZmqCapture
-from vehicles.sources.mocap.motion_capture import MotionCapture
-from vehicles.sources.mocap.vrpn_capture import VrpnCapture
+from wil_campaign.campaigns.values.external_setups import MocapSetup
+from wil_campaign.orchestrator.model.external_results import CaptureResult
+from wil_campaign.vehicles.readings import PoseReading, Source
+from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.vehicles.sources.mocap.capture_inputs import UdpCapture, ZmqCapture
+from wil_campaign.vehicles.sources.mocap.motion_capture import MotionCapture
 
 Listener = Callable[[PoseReading], None]
-Input = UdpCapture | ZmqCapture | VrpnCapture
+Input = UdpCapture | ZmqCapture
 
 _FIRST_S = 5.0
 """How long to wait for the first pose of a body: every system sends many per second."""
@@ -37,11 +36,10 @@ class MotionCaptures:
     def __init__(self, setups: Mapping[Source, MocapSetup]) -> None:
         self._feeds: dict[Source, _Feed] = {}
         self._inputs: list[Input] = []
-        self._error: SourceError | None = None
         groups: dict[tuple[object, ...], dict[Source, MocapSetup]] = {}
         for vehicle, setup in setups.items():
-            body = setup.body if setup.kind == "vrpn" else ""
-            key = (setup.kind, setup.host, setup.port, setup.topic, setup.latency_s, body)
+            more = (setup.topic, setup.latency_s, setup.sender)
+            key = (setup.kind, setup.host, setup.port, *more)
             groups.setdefault(key, {})[vehicle] = setup
         for group in groups.values():
             self._add_input(group)
@@ -62,26 +60,32 @@ class MotionCaptures:
         """Wait until motion capture has a pose of every vehicle. Raises SourceError."""
         loop = asyncio.get_running_loop()
         deadline_s = loop.time() + within_s
-        self.check()
         for vehicle, feed in self._feeds.items():
             while feed.last_s is None:
-                self.check()
                 if loop.time() > deadline_s:
                     raise SourceError(_unseen_text(vehicle, feed, within_s))
                 await asyncio.sleep(_POLL_S)
 
-    def check(self) -> None:
-        """Raise the SourceError of an input that has ended."""
-        if self._error is not None:
-            raise self._error
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Return messages about senders whose poses are not taken."""
+        udp = [one for one in self._inputs if isinstance(one, UdpCapture)]
+        return tuple(text for one in udp for text in one.others.values())
+
+    def refuse_rivals(self) -> None:
+        """Refuse two senders of poses to one port, of which the campaign names neither.
+
+        Which of them is the system is not known. Raises SourceError.
+        """
+        for one in self._inputs:
+            if isinstance(one, UdpCapture) and one.rivals:
+                raise SourceError(
+                    f"{one.rivals}: which of them is your system is not known; end the other, or "
+                    "name its address by mocap.sender"
+                )
 
     def silent(self, now_s: float) -> str:
-        """Return in words which input has ended, or which vehicle has had no pose for too long.
-
-        "" for none.
-        """
-        if self._error is not None:
-            return str(self._error)
+        """Return in words which vehicle has had no pose for too long; "" for none."""
         for vehicle, feed in self._feeds.items():
             gap_s = now_s - (feed.last_s if feed.last_s is not None else now_s)
             if gap_s > feed.setup.stall_s:
@@ -100,7 +104,7 @@ class MotionCaptures:
                 address=feed.setup.address,
                 feed=feed.capture.statistics(feed.setup.body),
                 garbage=feed.capture.garbage,
-                trouble=feed.capture.complaint,
+                trouble="; ".join(filter(None, (feed.capture.complaint, *self.others))),
             )
             for vehicle, feed in self._feeds.items()
         )
@@ -118,25 +122,18 @@ class MotionCaptures:
     def _make_input(self, setup: MocapSetup, capture: MotionCapture) -> Input:
         if setup.kind == "udp":
             return UdpCapture(
-                host=setup.host, port=setup.port, capture=capture, deliver=self._deliver
-            )
-        if setup.kind == "zmq":
-            return ZmqCapture(
-                address=setup.address,
+                host=setup.host,
+                port=setup.port,
                 capture=capture,
                 deliver=self._deliver,
-                topic=setup.topic.encode(),
+                sender=setup.sender,
             )
-        return VrpnCapture(
-            host=f"{setup.host}:{setup.port}",
-            tracker=setup.body,
+        return ZmqCapture(
+            address=setup.address,
             capture=capture,
             deliver=self._deliver,
-            fail=self._fail,
+            topic=setup.topic.encode(),
         )
-
-    def _fail(self, error: SourceError) -> None:
-        self._error = self._error or error
 
     def _deliver(self, reading: PoseReading) -> None:
         feed = self._feeds[reading.source]

@@ -8,17 +8,17 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from recipes.visibility.coverage import Coverage, uncovered
-from recipes.visibility.ids import compare_ids
-from recipes.visibility.model import FrameVisibility, Ids
-from recipes.visibility.sampling import sampled_intrinsics, samples_of
-from vehicles.cameras.rendered_cameras import RenderedImage
-from vehicles.readings import DepthImage
-from vehicles.sensors.world_views import WorldImages
-from vehicles.sources.simulator.simulator_camera import ZmqImageSource
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
-from worlds.scene.scene import Scene
+from wil_campaign.recipes.visibility.coverage import Coverage, uncovered
+from wil_campaign.recipes.visibility.ids import compare_ids
+from wil_campaign.recipes.visibility.model import FrameVisibility, Ids
+from wil_campaign.recipes.visibility.sampling import sampled_intrinsics, samples_of
+from wil_campaign.vehicles.cameras.rendered_cameras import RenderedImage
+from wil_campaign.vehicles.readings import DepthImage
+from wil_campaign.vehicles.sensors.world_views import WorldImages
+from wil_campaign.vehicles.sources.simulator.simulator_camera import ZmqImageSource
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.scene import Scene
 
 PERIOD_S = 0.5
 """How often object ids are requested with the image; they double the rendering time."""

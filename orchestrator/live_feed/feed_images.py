@@ -2,8 +2,8 @@
 
 import cv2
 
-from orchestrator.live_feed.feed_messages import ImageView
-from vehicles.readings import CameraReading
+from wil_campaign.orchestrator.live_feed.feed_messages import ImageView
+from wil_campaign.vehicles.readings import CameraReading
 
 _WIDEST_PX = 640
 _JPEG = (cv2.IMWRITE_JPEG_QUALITY, 75)

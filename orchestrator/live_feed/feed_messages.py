@@ -8,10 +8,10 @@ from typing import Any, Self
 
 import msgspec
 
-from safety.model.oracle_results import OracleResult
-from vehicles.processes.codec import Codec, Message
-from worlds.frames import Quat, Vec3
-from worlds.scene.track import RunHistory
+from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.vehicles.processes.codec import Codec, Message
+from wil_campaign.worlds.frames import Quat, Vec3
+from wil_campaign.worlds.scene.track import RunHistory
 
 LONGEST_DATAGRAM_BYTES = 200_000
 """Below the default send buffer of a socket on Linux (net.core.wmem_default, 212,992)."""

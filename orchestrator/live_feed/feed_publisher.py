@@ -14,8 +14,8 @@ from typing import Self
 
 import msgspec
 
-from orchestrator.live_feed.feed_images import image_view
-from orchestrator.live_feed.feed_messages import (
+from wil_campaign.orchestrator.live_feed.feed_images import image_view
+from wil_campaign.orchestrator.live_feed.feed_messages import (
     LONGEST_DATAGRAM_BYTES,
     EventView,
     FactsView,
@@ -23,10 +23,10 @@ from orchestrator.live_feed.feed_messages import (
     RunView,
     feed_codec,
 )
-from orchestrator.live_feed.feed_sockets import FeedSender, find_console_sockets
-from orchestrator.state.mixtures import PreviewImages
-from vehicles.readings import CameraReading
-from vehicles.tasks import FAULTS
+from wil_campaign.orchestrator.live_feed.feed_sockets import FeedSender, find_console_sockets
+from wil_campaign.orchestrator.state.mixtures import PreviewImages
+from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.vehicles.tasks import FAULTS
 
 _SEARCH_S = 1.0
 """Period of the search for consoles, wall clock."""

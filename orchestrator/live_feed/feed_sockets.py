@@ -8,7 +8,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from safety.guard.process.runtime_folder import open_runtime_folder, runtime_folders, sweep
+from wil_campaign.safety.guard.process.runtime_folder import (
+    open_runtime_folder,
+    runtime_folders,
+    sweep,
+)
 
 _SOCKET = re.compile(r"console-[0-9]{1,10}\.sock")
 _RECEIVE_BYTES = 1 << 20

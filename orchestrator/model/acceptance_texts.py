@@ -3,11 +3,11 @@
 from collections.abc import Iterable, Sequence
 from typing import Literal
 
-from campaigns.values.acceptance import Requirement, Standing
-from orchestrator.model.campaign_results import Summary
-from orchestrator.model.exit_codes import shortfalls
-from orchestrator.model.results import RunResult
-from safety.model.oracle_results import Verdict
+from wil_campaign.campaigns.values.acceptance import Requirement, Standing
+from wil_campaign.orchestrator.model.campaign_results import Summary
+from wil_campaign.orchestrator.model.exit_codes import shortfalls
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.safety.model.oracle_results import Verdict
 
 _PROVEN = frozenset({"PASS", "FAIL"})
 _BY_DECISION: dict[str, Verdict] = {"at least": "PASS", "below": "FAIL"}
@@ -81,7 +81,7 @@ def left_out_text(summary: Summary) -> str:
     """Return sentences about what is required and was left out; empty for nothing."""
     if not summary.left_out:
         return ""
-    text = f"Required, and left out: {', '.join(summary.left_out)}."
+    text = f"Required but left out: {', '.join(summary.left_out)}."
     if any("control" in one for one in summary.left_out):
         text += " Controls are runs that must not pass: they show that the campaign can fail."
     return f"{text} The verdict covers only what was flown."

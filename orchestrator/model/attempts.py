@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from orchestrator.model.results import Attempt, RunResult
-from safety.model.oracle_results import Verdict
+from wil_campaign.orchestrator.model.results import Attempt, RunResult
+from wil_campaign.safety.model.oracle_results import Verdict
 
 _RETRIED: frozenset[Verdict] = frozenset({"ERROR", "INVALID"})
 """Verdicts that prove nothing. A FAIL is not retried: flying until it passes proves less still."""
@@ -13,13 +13,21 @@ _RETRIED: frozenset[Verdict] = frozenset({"ERROR", "INVALID"})
 def retry_due(result: RunResult, *, retries: int) -> bool:
     """Return whether a run gets another attempt by the campaign's `retries`.
 
-    Not after an internal exception, which is no temporary fault of the environment. Nor is a
-    control retried that ended as expected, also where that is INVALID or ERROR.
+    Not after an internal exception, which is no temporary fault of the environment, nor where the
+    subject failed anything beside what made the verdict (`no_retry`). Nor is a control retried that
+    ended as expected, also where that is INVALID or ERROR.
     """
-    if result.exceptions or (result.control is not None and result.control.met):
+    if result.exceptions or result.no_retry:
+        return False
+    if result.control is not None and result.control.met:
         return False
     spent = sum(one.verdict in _RETRIED for one in result.attempts)
     return result.verdict in _RETRIED and spent < retries
+
+
+def failed_too(text: str) -> str:
+    """Return why a run is not flown again: beside what made its verdict, the subject failed."""
+    return f"the subject failed, too: {text}"
 
 
 def is_cut_off(result: RunResult) -> bool:

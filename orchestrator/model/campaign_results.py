@@ -4,12 +4,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from campaigns.values.acceptance import Requirement
-from orchestrator.model.control_results import control_faults
-from orchestrator.model.equal_runs import equal_run_texts
-from orchestrator.model.exit_codes import accepted
-from orchestrator.model.results import RunResult, Stop
-from safety.model.oracle_results import Verdict
+from wil_campaign.campaigns.values.acceptance import Requirement
+from wil_campaign.orchestrator.model.control_results import control_faults
+from wil_campaign.orchestrator.model.equal_runs import equal_run_texts
+from wil_campaign.orchestrator.model.exit_codes import accepted
+from wil_campaign.orchestrator.model.results import RunResult, Stop
+from wil_campaign.safety.model.oracle_results import Verdict
 
 Clock = Literal["virtual", "wall", "scaled"]
 VehicleKind = Literal["embedded", "sitl", "hardware", "unknown"]

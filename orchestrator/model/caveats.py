@@ -7,17 +7,20 @@ without failing their run, and default oracles that were switched off.
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
-from orchestrator.model.campaign_results import Summary
-from orchestrator.model.external_results import SourceResult
-from orchestrator.model.results import CombinationResult, RunResult
+from wil_campaign.orchestrator.model.attempts import attempt_text
+from wil_campaign.orchestrator.model.campaign_results import Summary
+from wil_campaign.orchestrator.model.external_results import SourceResult
+from wil_campaign.orchestrator.model.results import CombinationResult, RunResult, SlowAutonomy
 
 
 def caveats(runs: Sequence[RunResult]) -> list[str]:
     """Return all caveats of a campaign as lines for people."""
     lines = _overridden_lines(runs)
+    lines += [f"before arming: {text}" for text in sender_texts(runs)]
     lines += [f"fence changed in flight: {text}" for text in fence_texts(runs)]
     lines += [f"reported only, and failed: {text}" for text in reported_texts(runs)]
     lines += [f"not judged: {text}" for text in unjudged_texts(runs)]
+    lines += [f"judged by dead reckoning: {text}" for text in dead_reckoning_texts(runs)]
     lines += [f"the twin dropped out: {text}" for text in dropped_out_texts(runs)]
     lines += [f"missing in run.mcap: {text}" for text in loss_texts(runs)]
     lines += [f"virtual objects in the mixture not measured: {t}" for t in unmeasured_texts(runs)]
@@ -25,7 +28,19 @@ def caveats(runs: Sequence[RunResult]) -> list[str]:
     lines += [f"registration error not bounded: {text}" for text in unbounded_texts(runs)]
     lines += [f"virtual object in view, and in no mixture: {text}" for text in unshown_texts(runs)]
     lines += [f"virtual object never in view: {text}" for text in unseen_texts(runs)]
+    lines += [f"never moved while the goal was flown: {text}" for text in unmoved_texts(runs)]
+    lines += [f"slower than real time: {text}" for text in slow_texts(runs)]
     return lines
+
+
+def retried_texts(runs: Iterable[RunResult]) -> list[str]:
+    """Return which runs took more than one attempt, how many, and how the earlier ones ended."""
+    return [
+        f"{run.case} {run.mode} #{run.rep}: {run.verdict} at attempt {len(run.attempts) + 1}, "
+        f"after {'; '.join(map(attempt_text, run.attempts))}"
+        for run in runs
+        if run.attempts
+    ]
 
 
 def synthesised_texts(summary: Summary) -> list[str]:
@@ -113,6 +128,34 @@ def _unseen(run: RunResult) -> list[str]:
     return [] if run.verdict != "PASS" or run.mixing is None else list(run.mixing.unseen)
 
 
+def unmoved_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return the caveat of objects with a motion that stood still in passed runs."""
+    return _in_runs((name, run) for run in runs for name in _unmoved(run))
+
+
+def _unmoved(run: RunResult) -> tuple[str, ...]:
+    """Return the objects with a motion that stood still in a passed run."""
+    return run.unmoved if run.verdict == "PASS" else ()
+
+
+def sender_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return the caveat of other senders with a vehicle's ids, as the preflight named them."""
+    return _in_runs(
+        (str(item), run) for run in runs for item in run.preflight if item.check == "sender"
+    )
+
+
+def dead_reckoning_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return the caveat of passed runs with a signal that has one: what was lost, and when."""
+    return _in_runs(
+        (f"{one.vehicle}: {one.caveat}", run)
+        for run in runs
+        if run.verdict == "PASS"
+        for one in run.evidence
+        if one.caveat
+    )
+
+
 def dropped_out_texts(runs: Sequence[RunResult]) -> list[str]:
     """Return why twins dropped out, and in which runs, whatever their verdict."""
     return _in_runs(
@@ -131,6 +174,22 @@ def _passed_combinations(
             yield from ((run, one) for one in run.mixing.combinations)
 
 
+def slow_texts(runs: Sequence[RunResult]) -> list[str]:
+    """Return the caveat of autonomies slower than real time in passed runs: the slowest of each."""
+    found = [(one, run) for run in runs if run.verdict == "PASS" for one in run.slow]
+    worst: dict[tuple[str, str, str], SlowAutonomy] = {}
+    for one, run in sorted(found, key=lambda pair: pair[0].needed_s / max(pair[0].had_s, 1e-9)):
+        worst[one.vehicle, run.case, run.mode] = one
+    return _in_runs((_slow_text(worst[one.vehicle, run.case, run.mode]), run) for one, run in found)
+
+
+def _slow_text(one: SlowAutonomy) -> str:
+    return (
+        f"the autonomy of {one.vehicle} needed {one.needed_s:.1f} s on this machine for its calls "
+        f"and would have had {one.had_s:.1f} s: on the wall clock it fails"
+    )
+
+
 def in_short(summary: Summary) -> list[str]:
     """Return the caveats in a few words each, for the last line of a campaign.
 
@@ -146,8 +205,19 @@ def in_short(summary: Summary) -> list[str]:
         "missing in part in run.mcap: ": (loss.topic for run in runs for loss in run.losses),
         "in view, and in no mixture: ": (name for run in runs for name in _unshown(run)),
         "never in view: ": (name for run in runs for name in _unseen(run)),
+        "never moved: ": (name for run in runs for name in _unmoved(run)),
+        "slower than real time: ": (
+            one.vehicle for run in runs if run.verdict == "PASS" for one in run.slow
+        ),
         "not compared with the world: ": (
             f"{one.vehicle} {one.sensor}" for _, one in _uncompared_sources(runs)
+        ),
+        "judged by dead reckoning: ": (
+            one.vehicle
+            for run in runs
+            if run.verdict == "PASS"
+            for one in run.evidence
+            if one.caveat
         ),
         "reported only, and failed: ": (name for name, _ in reported),
     }

@@ -14,7 +14,7 @@ from contextvars import Context
 from heapq import heappop, heappush
 from typing import Any, Literal, TypeVar, TypeVarTuple
 
-from vehicles.clocks.paced_loop import PacedLoop
+from wil_campaign.vehicles.clocks.paced_loop import PacedLoop
 
 T = TypeVar("T")
 Ts = TypeVarTuple("Ts")

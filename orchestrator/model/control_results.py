@@ -4,9 +4,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
-from campaigns.values.expectation import Expectation
-from safety.model.oracle_results import Verdict
-from safety.model.verdict import source_of
+from wil_campaign.campaigns.values.expectation import Expectation
+from wil_campaign.safety.model.oracle_results import Verdict
+from wil_campaign.safety.model.verdict import source_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class ControlResult:
 
 
 class ControlRun(Protocol):
-    """A finished control run (protocol of `orchestrator.model.results.RunResult`)."""
+    """A finished control run (protocol of `wil_campaign.orchestrator.model.results.RunResult`)."""
 
     @property
     def case(self) -> str:

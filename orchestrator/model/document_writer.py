@@ -6,6 +6,7 @@ import os
 import tempfile
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 
 def to_json(document: object, *, indent: int | None = 2) -> str:
@@ -14,11 +15,20 @@ def to_json(document: object, *, indent: int | None = 2) -> str:
     Floats are written so that they read back the same. Raises ValueError for NaN and infinity.
     """
     plain = (
-        dataclasses.asdict(document)
+        as_plain(document)
         if dataclasses.is_dataclass(document) and not isinstance(document, type)
         else document
     )
     return json.dumps(plain, indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def as_plain(document: Any) -> dict[str, Any]:
+    """Return a dataclass as plain values, without `topics` where it has none."""
+    return dataclasses.asdict(document, dict_factory=_present)
+
+
+def _present(fields: list[tuple[str, Any]]) -> dict[str, Any]:
+    return {name: value for name, value in fields if value or name != "topics"}
 
 
 def write_whole(path: Path, content: str | bytes) -> None:

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from campaigns.values.acceptance import Requirement
-from orchestrator.model.exit_codes import standings_of
-from orchestrator.model.results import RunResult
+from wil_campaign.campaigns.values.acceptance import Requirement
+from wil_campaign.orchestrator.model.exit_codes import standings_of
+from wil_campaign.orchestrator.model.results import RunResult
 
 
 def measured(run: RunResult) -> tuple[object, ...]:

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Sequence
 
-from campaigns.values.acceptance import Requirement, Share, Standing, standings
-from orchestrator.model.results import NOT_ARMED, RunResult, Stop
+from wil_campaign.campaigns.values.acceptance import Requirement, Share, Standing, standings
+from wil_campaign.orchestrator.model.results import NOT_ARMED, RunResult, Stop
 
 _PROVEN = frozenset({"PASS", "FAIL"})
 

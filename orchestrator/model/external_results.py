@@ -1,9 +1,10 @@
 """Results of the external I/O of a run, as its result lists them."""
 
 from dataclasses import dataclass
+from typing import Self
 
-from campaigns.values.external_setups import ShownAs
-from vehicles.sources.mocap.feed_statistics import FeedStatistics
+from wil_campaign.campaigns.values.external_setups import ShownAs
+from wil_campaign.vehicles.sources.mocap.feed_statistics import FeedStatistics
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +67,29 @@ class InjectedResult:
 
 
 @dataclass(frozen=True, slots=True)
+class TopicResult:
+    """The result of one topic of an autonomy that is reached by topics.
+
+    direction: "out", to the autonomy, or "in". messages: published, or received. delivered: those
+    of "out" that a subscriber was there for and that the wire took; those of "in" that were used.
+    trouble: why others were not.
+    """
+
+    topic: str
+    type: str
+    direction: str
+    messages: int
+    delivered: int
+    trouble: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class ProgramResult:
     """The result of an external autonomy program. exit: how it ended, in words.
 
     refused: its frames that were not passed on to the vehicle. trouble: its last error. video: the
-    images that it was sent; None without a camera.
+    images that it was sent; None without a camera. topics: what it was sent and what it sent, of an
+    autonomy that is reached by topics.
     """
 
     vehicle: str
@@ -78,6 +97,7 @@ class ProgramResult:
     refused: int
     trouble: str = ""
     video: OutletResult | None = None
+    topics: tuple[TopicResult, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +109,16 @@ class ExternalResult:
     outlets: tuple[OutletResult, ...] = ()
     injected: tuple[InjectedResult, ...] = ()
     programs: tuple[ProgramResult, ...] = ()
+
+    def __add__(self, other: Self) -> Self:
+        """Return the results of both, each kind in this order."""
+        return type(self)(
+            self.sources + other.sources,
+            self.captures + other.captures,
+            self.outlets + other.outlets,
+            self.injected + other.injected,
+            self.programs + other.programs,
+        )
 
     @property
     def anything(self) -> bool:

@@ -11,23 +11,24 @@ the exit code is 5.
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 
-from campaigns.values.acceptance import Requirement, Standing
-from orchestrator.model.attempts import attempt_text
-from orchestrator.model.campaign_results import Summary
-from orchestrator.model.caveats import (
+from wil_campaign.campaigns.values.acceptance import Requirement, Standing
+from wil_campaign.orchestrator.model.attempts import attempt_text
+from wil_campaign.orchestrator.model.campaign_results import Summary
+from wil_campaign.orchestrator.model.caveats import (
     drawn_texts,
     dropped_out_texts,
     fence_texts,
     overridden_texts,
     reported_texts,
+    retried_texts,
     unjudged_texts,
     unmeasured_texts,
     unshown_texts,
 )
-from orchestrator.model.control_results import control_faults
-from orchestrator.model.exit_codes import is_rehearsed, standings_of
-from orchestrator.model.results import NOT_ARMED, RunResult
-from safety.model.oracle_results import OracleResult
+from wil_campaign.orchestrator.model.control_results import control_faults
+from wil_campaign.orchestrator.model.exit_codes import is_rehearsed, standings_of
+from wil_campaign.orchestrator.model.results import NOT_ARMED, RunResult
+from wil_campaign.safety.model.oracle_results import OracleResult
 
 
 def junit_xml(summary: Summary, requirements: Sequence[Requirement], *, arm: bool = True) -> bytes:
@@ -55,6 +56,7 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement], *, arm: boo
         "left_out": summary.left_out,
         "controls_unmet": summary.unmet,
         "never_flown": summary.not_flown,
+        "retried": retried_texts(summary.runs),
         "overridden": overridden_texts(summary.runs),
         "fence_changed": fence_texts(summary.runs),
         "reported_failed": reported_texts(summary.runs),

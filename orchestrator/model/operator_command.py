@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 
 class Inbox(Protocol):

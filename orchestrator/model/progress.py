@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from worlds.frames import Vec3
+from wil_campaign.worlds.frames import Vec3
 
 HappeningKind = Literal["stage", "collision", "decisive", "guard", "answer", "acknowledged"]
 
@@ -25,7 +25,10 @@ class VehicleProgress:
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """The progress of one run; values that do not exist yet are None."""
+    """The progress of one run; values that do not exist yet are None.
+
+    verdict_so_far: the verdict that an event has decided. A PASS is none before the run is judged.
+    """
 
     case: str
     mode: str

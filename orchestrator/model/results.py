@@ -1,19 +1,23 @@
 """The result of a run: the fields of result.json.
 
-Except `wall_s` nothing here depends on the machine: repeats of a seed are equal byte for byte.
+Except `wall_s`, and `slow` of an autonomy that is slower than real time, nothing here depends on
+the machine: repeats of a seed are equal byte for byte.
 """
 
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from orchestrator.model.arming_steps import ArmingStep
-from orchestrator.model.control_results import ControlResult
-from orchestrator.model.external_results import ExternalResult
-from orchestrator.model.twin_results import TwinResult
-from safety.model.oracle_results import EvidenceResult, Flag, OracleResult, Verdict
-from safety.preflight import Item
+from wil_campaign.orchestrator.model.arming_steps import ArmingStep
+from wil_campaign.orchestrator.model.control_results import ControlResult
+from wil_campaign.orchestrator.model.external_results import ExternalResult
+from wil_campaign.orchestrator.model.flown_firmware import FlownFirmware
+from wil_campaign.orchestrator.model.twin_results import TwinResult
+from wil_campaign.safety.model.oracle_results import EvidenceResult, Flag, OracleResult, Verdict
+from wil_campaign.safety.model.verdict import Decision
+from wil_campaign.safety.preflight import Item
 
 Stop = Literal["signal", "command"]
 """What ended a campaign early: Ctrl-C or SIGTERM, or an operator's command."""
@@ -23,6 +27,12 @@ _NOTED = "; the autonomy's last note was '{}'"
 
 NOT_ARMED = "not armed, as --no-arm asks; everything up to that works"
 """The reason of a run that stopped before arming, as requested."""
+
+
+_MOST_ALSO = 50
+"""How many events a result lists beside the one that made the verdict."""
+_GRAVEST = ("ERROR", "ABORTED")
+"""The verdicts of which none is lost among the events that are not listed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +169,19 @@ class ActorResult:
 
 
 @dataclass(frozen=True, slots=True)
+class SlowAutonomy:
+    """An autonomy slower than real time, flown on a clock that waits for it.
+
+    needed_s: what its calls took while the goal was flown, wall time of this machine; had_s: what
+    they would have had.
+    """
+
+    vehicle: str
+    needed_s: float
+    had_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class Attempt:
     """An earlier attempt in a run's result, which does not count.
 
@@ -197,7 +220,12 @@ class RunResult:
     the traceback of an autonomy that crashed. exceptions: internal ones, each in a line: the run is
     no PASS then, and the exit code never 0. twin: of the twin beside the real vehicle; None outside
     of mode wil. actors: the vehicles that flew as objects of the world. losses: messages missing in
-    run.mcap, by topic. before_arming: the steps before arming, in order.
+    run.mcap, by topic. before_arming: the steps before arming, in order. unmoved: objects of the
+    judged world with a motion that stood still until the autonomy was done. no_retry: why the run
+    is not flown again although it is ERROR, INVALID or ABORTED; empty where it may be. slow:
+    autonomies slower than real time. code: the user's own Python files that the run imported,
+    relative to the campaign file, with SHA-256. firmware: of the vehicles that identified
+    themselves; empty in results of earlier versions.
     """
 
     case: str
@@ -230,6 +258,11 @@ class RunResult:
     losses: tuple[Loss, ...] = ()
     before_arming: tuple[ArmingStep, ...] = ()
     actors: tuple[ActorResult, ...] = ()
+    unmoved: tuple[str, ...] = ()
+    no_retry: str = ""
+    slow: tuple[SlowAutonomy, ...] = ()
+    code: Mapping[str, str] = field(default_factory=dict)
+    firmware: tuple[FlownFirmware, ...] = ()
 
     @property
     def subject(self) -> str:
@@ -237,9 +270,32 @@ class RunResult:
         return "twin" if self.mode == "sim" else "real"
 
     @property
+    def went_wrong(self) -> bool:
+        """Return whether the run did not pass; a control: whether it did not end as expected."""
+        return self.verdict != "PASS" if self.control is None else not self.control.met
+
+    @property
     def bare_reason(self) -> str:
         """Return the reason of the decisive event, without the autonomy's last note."""
         return self.reason.removesuffix(_NOTED.format(self.note))
+
+
+def also_of(decision: Decision) -> tuple[Also, ...]:
+    """Return the decisive events after the one that made the verdict; equal ones are counted."""
+    counts = Counter((event.kind, event.text) for event in decision.also)
+    first = {(event.kind, event.text): event.t_s for event in reversed(decision.also)}
+    listed = [
+        Also(kind, text if count == 1 else f"{text} ({count} times)", first[kind, text])
+        for (kind, text), count in counts.items()
+    ]
+    if len(listed) <= _MOST_ALSO:
+        return tuple(listed)
+    kept, more = listed[: _MOST_ALSO - 1], listed[_MOST_ALSO - 1 :]
+    verdicts = {one.verdict for one in more}
+    # Whoever asks whether a vehicle may fly again looks for these.
+    gravest = next((one for one in _GRAVEST if one in verdicts), more[0].verdict)
+    text = f"{len(more)} more events; log.jsonl has all of them"
+    return (*kept, Also(gravest, text, more[0].at_s))
 
 
 def tightest_oracle(run: RunResult) -> OracleResult | None:

@@ -1,17 +1,22 @@
 """Reads result.json and summary.json; refuses a result.json that was changed or damaged."""
 
+import json
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from orchestrator.model.campaign_results import Summary
-from orchestrator.model.document_writer import to_json
-from orchestrator.model.results import RunResult
-from worlds.files.limited_json import JsonLimitError, check_values, read_limited
+from wil_campaign.orchestrator.model.campaign_results import Summary
+from wil_campaign.orchestrator.model.document_writer import as_plain, to_json
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.worlds.files.limited_json import JsonLimitError, check_values, read_limited
 
 T = TypeVar("T")
+
+_ADDED: Mapping[str, object] = {"firmware": ()}
+"""Fields that a result.json of an earlier version does not have, with what they are then."""
 
 
 class ResultError(Exception):
@@ -33,7 +38,7 @@ def summary_model() -> TypeAdapter[Summary]:
 def read_result(path: Path) -> RunResult:
     """Return the result in a result.json. Raises ResultError."""
     result, text = _parse_document(path, result_model())
-    if _as_written(result) != text:
+    if not _is_as_written(result, text):
         raise ResultError(f"{path} was edited, or written by another version of wil-campaign")
     return result
 
@@ -65,9 +70,14 @@ def _parse_document(path: Path, kind: TypeAdapter[T]) -> tuple[T, str]:
         ) from error
 
 
-def _as_written(result: RunResult) -> str:
-    """Return a result as wil-campaign writes it; empty for numbers that JSON does not have."""
+def _is_as_written(result: RunResult, text: str) -> bool:
+    """Return whether a document is what wil-campaign, or an earlier version of it, writes."""
+    fields = as_plain(result)
+    written = json.loads(text)
+    for name, value in _ADDED.items():
+        if name not in written and fields[name] == value:
+            del fields[name]
     try:
-        return to_json(result)
-    except ValueError:
-        return ""
+        return to_json(fields) == text
+    except ValueError:  # numbers that JSON does not have
+        return False

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from orchestrator.model.results import RunResult
-from safety.fence.geofence import Fence
-from worlds.clearance.clearance import ClearanceProbe
-from worlds.frames import Pose, Vec3, norm, subtract
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.worlds.clearance.clearance import ClearanceProbe
+from wil_campaign.worlds.frames import Pose, Vec3, norm, subtract
 
 CLEAR_M = 0.5
 """Clearance around a vehicle on its return path, which avoids no obstacles."""

@@ -1,13 +1,25 @@
 """log.jsonl: the events of a run, one JSON object per line, in order."""
 
 import json
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
-from vehicles.background_file import BackgroundFile
+from wil_campaign.safety.model.verdict import DecisiveEvent, DecisiveKind
+from wil_campaign.vehicles.background_file import BackgroundFile
+from wil_campaign.worlds.files.limited_json import loads_limited
 
 _WRITTEN_WITHIN_S = 0.05
 """How long an event waits for its line, so that a process that dies right after it loses none."""
+
+_KINDS: dict[str, DecisiveKind] = {
+    "ERROR": "ERROR",
+    "INVALID": "INVALID",
+    "FAIL": "FAIL",
+    "ABORTED": "ABORTED",
+}
 
 Detail = str | float | bool | None
 
@@ -56,3 +68,41 @@ def _line(t_s: float, event: str, details: dict[str, Detail]) -> bytes:
     line = {"t_s": round(t_s, 6), "event": event, **details}
     text = json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n"
     return text.encode("utf-8", "backslashreplace")
+
+
+@dataclass(frozen=True, slots=True)
+class CutLog:
+    """The log of a run that has no result: its stages, its decisive events, its last time."""
+
+    stages: frozenset[str] = frozenset()
+    decisive: tuple[DecisiveEvent, ...] = ()
+    end_s: float = 0.0
+
+
+def read_cut_log(path: Path) -> CutLog:
+    """Return what a run logged before its process was lost; damaged lines are left out."""
+    stages: set[str] = set()
+    decisive: list[DecisiveEvent] = []
+    end_s = 0.0
+    with suppress(OSError), path.open("rb") as lines:
+        for text in lines:
+            with suppress(ValueError, KeyError, TypeError):
+                line = loads_limited(text)
+                end_s = max(end_s, float(line["t_s"]))
+                if line["event"] == "stage":
+                    stages.add(line["stage"])
+                if line["event"] == "decisive":
+                    decisive.append(decisive_event(line))
+    return CutLog(frozenset(stages), tuple(decisive), end_s)
+
+
+def decisive_event(line: Mapping[str, Any]) -> DecisiveEvent:
+    """Return the decisive event of a line of a run's log. Raises KeyError."""
+    return DecisiveEvent(
+        line["t_s"],
+        _KINDS[line["kind"]],
+        line["reason"],
+        line.get("source", ""),
+        line.get("note", ""),
+        line.get("trace", ""),
+    )

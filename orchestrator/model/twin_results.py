@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from vehicles.coupling import Coupling
+from wil_campaign.vehicles.coupling import Coupling
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,1 +1,1 @@
-"""Operator commands and status reports: local socket, MQTT, and the campaign controller."""
+"""Operator commands and status reports: local socket, other channels, campaign controller."""

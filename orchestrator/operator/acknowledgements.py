@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from orchestrator.model.flight_place import FlightPlace
-from safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.orchestrator.model.flight_place import FlightPlace
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 WITHIN_S = 5.0
 """Runs in flight that have not acknowledged a command after this time are reported by name."""

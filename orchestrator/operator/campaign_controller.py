@@ -8,16 +8,16 @@ from pathlib import Path
 from threading import Thread
 from typing import Any, Protocol
 
-from orchestrator.model.flight_place import FlightPlace
-from orchestrator.model.progress import Happening, News, Progress
-from orchestrator.model.results import RunResult, Stop
-from orchestrator.operator.acknowledgements import Acknowledged, Acknowledgements
-from orchestrator.operator.campaign_records import Place
-from orchestrator.operator.operator_log import OperatorLog
-from orchestrator.operator.socket_client import tell
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.operator.operator_lines import RefusedLineError
-from vehicles.tasks import Contained
+from wil_campaign.orchestrator.model.flight_place import FlightPlace
+from wil_campaign.orchestrator.model.progress import Happening, News, Progress
+from wil_campaign.orchestrator.model.results import RunResult, Stop
+from wil_campaign.orchestrator.operator.acknowledgements import Acknowledged, Acknowledgements
+from wil_campaign.orchestrator.operator.campaign_records import Place
+from wil_campaign.orchestrator.operator.operator_log import OperatorLog
+from wil_campaign.orchestrator.operator.socket_client import tell
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
+from wil_campaign.vehicles.tasks import Contained
 
 _MOST_ANSWERS = 20
 

@@ -2,16 +2,20 @@
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
 import msgspec
 
-from safety.guard.process.orphaned_processes import running
-from safety.guard.process.runtime_folder import open_runtime_folder, runtime_folders, sweep
-from vehicles.processes.identity import ProcessId
+from wil_campaign.safety.guard.process.orphaned_processes import running
+from wil_campaign.safety.guard.process.runtime_folder import (
+    open_runtime_folder,
+    runtime_folders,
+    sweep,
+)
+from wil_campaign.vehicles.processes.identity import ProcessId
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,12 +23,18 @@ class Place:
     """A socket that takes operator commands. folder: of the results; name: for messages.
 
     process: the one that listens there, to be signalled when the socket does not answer.
+    campaign: of a guard, the folder of its run's campaign; None where it is of none.
     """
 
     name: str
     folder: Path
     socket: Path
     process: ProcessId | None = None
+    campaign: Path | None = None
+
+    def is_beneath(self, folder: Path) -> bool:
+        """Return whether this is a campaign's, or of one of its runs, by the campaign's folder."""
+        return self.folder.is_relative_to(folder) or self.campaign == folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,19 +50,49 @@ class Places:
             return self
         wanted = folder.absolute()
         related = [one for one in self.campaigns if related_folder(one.folder, wanted)]
-        guards = [one for one in self.guards if related_folder(one.folder, wanted)]
+        guards = [
+            one
+            for one in self.guards
+            if related_folder(one.folder, wanted)
+            or (one.campaign is not None and one.campaign.is_relative_to(wanted))
+        ]
         return Places(tuple(related), tuple(guards))
 
     def guards_of(self, campaign: Place) -> tuple[Place, ...]:
         """Return the guards' records of a campaign's runs."""
-        return tuple(one for one in self.guards if one.folder.is_relative_to(campaign.folder))
+        return tuple(one for one in self.guards if one.is_beneath(campaign.folder))
+
+    def by_campaign(self) -> dict[Path, "Places"]:
+        """Return the records by the results folder of their campaign.
+
+        Programs and guards of one folder are one campaign, also where the program has ended.
+        """
+        folders = dict.fromkeys(one.folder for one in self.campaigns)
+        owners = {one: _campaign_folder(one, folders) for one in self.guards}
+        return {
+            folder: Places(
+                tuple(one for one in self.campaigns if one.folder == folder),
+                tuple(one for one in self.guards if owners[one] == folder),
+            )
+            for folder in folders | dict.fromkeys(owners.values())
+        }
+
+    def __or__(self, other: "Places") -> "Places":
+        """Return the records of both."""
+        return Places(self.campaigns + other.campaigns, self.guards + other.guards)
 
 
 def places() -> Places:
     """Return the records of this user's flights on this machine. Raises OSError."""
     folders = runtime_folders()
     guards = [
-        Place(one.run, Path(one.folder), Path(one.socket), one.guard)
+        Place(
+            one.run,
+            Path(one.folder),
+            Path(one.socket),
+            one.guard,
+            Path(one.campaign) if one.campaign else None,
+        )
         for folder in folders
         for one in running(folder)
     ]
@@ -101,6 +141,12 @@ class CampaignRecord:
 def related_folder(one: Path, other: Path) -> bool:
     """Return whether one recorded folder contains the other."""
     return one.is_relative_to(other) or other.is_relative_to(one)
+
+
+def _campaign_folder(guard: Place, campaigns: Iterable[Path]) -> Path:
+    """Return the results folder of a guard's campaign; its run's where it is of none."""
+    holding = [one for one in campaigns if guard.is_beneath(one)]
+    return max(holding, key=lambda one: len(one.parts), default=guard.campaign or guard.folder)
 
 
 def _campaigns(runtime: Path) -> Iterator[Place]:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from orchestrator.operator.campaign_records import Places, places, related_folder
+from wil_campaign.orchestrator.operator.campaign_records import Places, places, related_folder
 
 _MOST_DECIDED = 1000
 
@@ -38,7 +38,7 @@ class FlightScope:
         self._own |= mine
         return Places(
             tuple(one for one in found.campaigns if one.folder in mine),
-            tuple(one for one in found.guards if self._is_own(one.folder)),
+            tuple(one for one in found.guards if any(map(one.is_beneath, self._own))),
         )
 
     def covers(self, run: str) -> bool:

@@ -7,9 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from orchestrator.operator.campaign_records import Place, Places, places
-from orchestrator.operator.socket_client import NoAnswerError, ask, tell
-from safety.guard.core.operator_command import OperatorKind
+from wil_campaign.orchestrator.operator.campaign_records import Place, Places, places
+from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask, tell
+from wil_campaign.safety.guard.core.operator_command import OperatorKind
 
 
 @dataclass(frozen=True, slots=True)

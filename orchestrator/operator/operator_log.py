@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from threading import Lock, Thread
 
-from safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 _WRITTEN_WITHIN_S = 0.05
 _CLOSED_WITHIN_S = 5.0

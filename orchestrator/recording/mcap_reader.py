@@ -8,12 +8,12 @@ from typing import Any
 from mcap.records import Channel, Message, Metadata
 from numpy.typing import NDArray
 
-from orchestrator.recording.errors import RecordingError
-from orchestrator.recording.mcap.mcap_chunks import End, RecordStream
-from orchestrator.recording.mcap.mcap_decode import decode, image_of
-from orchestrator.recording.mcap.mcap_json import Json
-from vehicles.readings import Reading
-from worlds.files.limited_json import loads_limited
+from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.orchestrator.recording.mcap.mcap_chunks import End, RecordStream
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode, image_of
+from wil_campaign.orchestrator.recording.mcap.mcap_json import Json
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.worlds.files.limited_json import loads_limited
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,17 +6,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from recipes.language.recipe_document import load_recipe
-from recipes.model.recipe import Recipe
-from safety.fence.fence_values import fence_of_plain, plain_fence
-from safety.fence.geofence import Fence
-from worlds.camera import CameraMount
-from worlds.files.documents import Data, parse
-from worlds.frames import Pose
-from worlds.world_file.world import World
+from wil_campaign.recipes.language.recipe_document import load_recipe
+from wil_campaign.recipes.model.recipe import Recipe
+from wil_campaign.safety.fence.fence_values import fence_of_plain, plain_fence
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.worlds.camera import CameraMount
+from wil_campaign.worlds.files.documents import Data, parse
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.world_file.world import World
 
 if TYPE_CHECKING:  # readers of a recording do not load the code that flies
-    from orchestrator.state.run_setup import RunSetup
+    from wil_campaign.orchestrator.state.run_setup import RunSetup
 
 
 def facts_of(setup: "RunSetup") -> dict[str, str]:

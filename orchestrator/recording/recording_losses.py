@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from orchestrator.recording.mcap.mcap_writer import TopicLoss
+from wil_campaign.orchestrator.recording.mcap.mcap_writer import TopicLoss
 
 _EVIDENCE_PARTS = ("/provenance", "/visibility")
 """Parts of /mixed/<sensor> that are evidence for the verdict."""

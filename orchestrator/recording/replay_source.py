@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import AsyncIterator, Collection, Iterator
 from pathlib import Path
 
-from orchestrator.recording.mcap_reader import RecordedReading, Recording
-from vehicles.readings import Reading, Source
+from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading, Recording
+from wil_campaign.vehicles.readings import Reading, Source
 
 Delivered = tuple[str, Reading]
 """The sensor's name, and its reading."""

@@ -1,37 +1,41 @@
-"""Records the files of one run: log, trajectory, judge log, telemetry, video, run.mcap."""
+"""Records the files of one run: log, trajectory, judge log, telemetry, run.mcap."""
 
 import math
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any, Self
 
 import cv2
 import numpy as np
 
-from orchestrator.model.clock import Clock
-from orchestrator.model.run_log import RunLog
-from orchestrator.recording.judge_log_file import FILE_NAME as JUDGED
-from orchestrator.recording.judge_log_file import JudgeLogWriter
-from orchestrator.recording.mcap.mcap_settings import RecordingSettings
-from orchestrator.recording.mcap.mcap_writer import McapRecorder, RecordingReport, TopicLoss
-from orchestrator.recording.recording_facts import mounts_in
-from orchestrator.recording.recording_losses import excessive_loss
-from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
-from orchestrator.recording.video import VideoWriter
-from orchestrator.state.mixtures import MixedFrame, PreviewImages
-from orchestrator.state.run_state import RunState
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.evaluation.judge_log import LoggedSample
-from safety.guard.core.events import GuardEvent
-from safety.guard.core.operator_command import OperatorCommand
-from safety.model.oracle_results import Flag
-from safety.model.verdict import DecisiveEvent
-from vehicles.cameras.rendered_cameras import sleep_until
-from vehicles.driver.vehicle_state import VehicleEvent
-from vehicles.mavlink.tlog import TlogWriter
-from vehicles.readings import Reading
-from vehicles.tasks import TakeFault
+from wil_campaign.orchestrator.model.clock import Clock
+from wil_campaign.orchestrator.model.run_log import RunLog
+from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME as JUDGED
+from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
+from wil_campaign.orchestrator.recording.mcap.mcap_encode import PERCEIVED
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
+from wil_campaign.orchestrator.recording.mcap.mcap_writer import (
+    McapRecorder,
+    RecordingReport,
+    TopicLoss,
+)
+from wil_campaign.orchestrator.recording.recording_facts import mounts_in
+from wil_campaign.orchestrator.recording.recording_losses import excessive_loss
+from wil_campaign.orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
+from wil_campaign.orchestrator.state.mixtures import MixedFrame, PreviewImages
+from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.evaluation.judge_log import LoggedSample
+from wil_campaign.safety.guard.core.events import GuardEvent
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.model.oracle_results import Flag
+from wil_campaign.safety.model.verdict import DecisiveEvent
+from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
+from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent
+from wil_campaign.vehicles.mavlink.tlog import TlogWriter
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.vehicles.tasks import TakeFault
 
 TRAJECTORY_HZ = 20.0
 _SNAPSHOT_AFTER_S = 1.0
@@ -41,13 +45,12 @@ _SNAPSHOT_AFTER_S = 1.0
 class RunRecorder:
     """Records the streams of one run into `folder`; a context manager.
 
-    epoch_s: UTC of the run clock's zero. vehicles: whose frames are logged. video_rate_hz: of the
-    perceived images; None for no video. collision_oracles: names of those whose flags are contacts.
-    clock: decides whether run.mcap waits for its writer or drops messages. settings, facts: of
-    run.mcap. broken: called once with the reason when a file cannot be written (the disk is full);
-    later data is dropped. fault: called with internal errors. incomplete: called with what run.mcap
-    lacks, in words, where that exceeds max_loss, a share of each topic. `artifacts` has the names
-    of the files, `losses` what is missing.
+    epoch_s: UTC of the run clock's zero. vehicles: whose frames are logged. collision_oracles:
+    names of those whose flags are contacts. clock: decides whether run.mcap waits for its writer or
+    drops messages. settings, facts: of run.mcap. broken: called once with the reason when a file
+    cannot be written (the disk is full); later data is dropped. fault: called with internal errors.
+    incomplete: called with what run.mcap lacks, in words, where that exceeds max_loss, a share of
+    each topic. `artifacts` has the names of the files, `losses` what is missing.
     """
 
     def __init__(
@@ -57,7 +60,6 @@ class RunRecorder:
         time: Callable[[], float],
         epoch_s: float,
         vehicles: tuple[str, ...],
-        video_rate_hz: float | None,
         collision_oracles: frozenset[str],
         clock: Clock,
         settings: RecordingSettings,
@@ -80,11 +82,6 @@ class RunRecorder:
         self._tlogs = {
             name: TlogWriter(path=folder / f"{name}.tlog", epoch_s=epoch_s) for name in vehicles
         }
-        self._video = (
-            None
-            if video_rate_hz is None
-            else VideoWriter(path=folder / "mixed.mp4", rate_hz=video_rate_hz)
-        )
         self._mcap = McapRecorder(
             path=folder / "run.mcap",
             epoch_s=epoch_s,
@@ -103,16 +100,15 @@ class RunRecorder:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            for stream in (
+            streams: tuple[AbstractContextManager[object], ...] = (
                 self._log,
                 self._trajectory,
                 self._judged,
                 *self._tlogs.values(),
-                self._video,
                 self._mcap,
-            ):
-                if stream is not None:
-                    stack.enter_context(stream)
+            )
+            for stream in streams:
+                stack.enter_context(stream)
             self._stack = stack.pop_all()
         return self
 
@@ -236,12 +232,18 @@ class RunRecorder:
 
     def shown(self, shown: PreviewImages) -> None:
         """Record a perceived image, and one set of preview images."""
-        if self._video is not None:
-            self._guard_write(self._video.write, shown.perceived.t_s, shown.perceived.image_bgr)
+        if self._last is None:
+            self._mcap.event(self._time(), "info", PERCEIVED, shown.topic)
         self._last = shown
         due_s = math.inf if self._goal_s is None else self._goal_s + _SNAPSHOT_AFTER_S
         if self._snapshot is None and shown.perceived.t_s >= due_s:
             self._snapshot = shown
+
+    def images_ended(self, topics: tuple[str, ...]) -> None:
+        """Record that these topics have no further images: the autonomies fly no more."""
+        now_s, text = self._time(), " ".join(topics)
+        self._write_log(now_s, "images_ended", topics=text)
+        self._mcap.event(now_s, "info", "images_ended", text)
 
     async def follow(
         self, contexts: tuple[VehicleContext, ...], run_state: RunState, alive: Callable[[], None]

@@ -2,19 +2,19 @@
 
 import struct
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message, Schema
 
-from orchestrator.recording.errors import RecordingError
-from orchestrator.recording.mcap.mcap_decode import decode
-from vehicles.readings import SENSOR_TYPES, Reading, sensor_type_of
-from vehicles.readings.checks import fault_of
-from vehicles.sources.readings.reading_message import Sampled
-from vehicles.sources.readings.ros2_messages import ROS2_TYPES, read_ros2, stamp_s
-from worlds.files.limited_json import loads_limited
-from worlds.frames import Pose
+from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode
+from wil_campaign.vehicles.readings import SENSOR_TYPES, Reading, sensor_type_of
+from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.sources.readings.reading_message import Sampled
+from wil_campaign.vehicles.sources.readings.ros2_messages import ROS2_TYPES, read_ros2, stamp_s
+from wil_campaign.worlds.files.limited_json import loads_limited
+from wil_campaign.worlds.frames import Pose
 
 _IMAGES = frozenset({"camera", "depth"})
 _LATE_S = 5.0
@@ -36,6 +36,14 @@ _MISSING = (
 Decoder = Callable[[bytes], Any]
 
 
+class _Timed(NamedTuple):
+    """The time of a channel's last message, and when it was logged; s."""
+
+    t_s: float
+    logged_s: float
+    is_stamped: bool
+
+
 class TopicDecoders:
     """Decodes an MCAP file's messages by their channels. mount: of the sensor, for ROS 2 messages.
 
@@ -49,6 +57,8 @@ class TopicDecoders:
         self._channels: dict[int, Channel] = {}
         self._decoders: dict[int, Decoder] = {}
         self._before: dict[int, Reading] = {}
+        self._last_s: dict[int, _Timed] = {}
+        self._shift_s: dict[int, float] = {}
 
     def take(self, record: Schema | Channel) -> None:
         """Store a schema or a channel of the MCAP file."""
@@ -102,7 +112,7 @@ class TopicDecoders:
             logged_s, stamped_s = message.log_time * 1e-9, stamp_s(decoded)
         except _FAULTS as error:
             raise RecordingError(f"message {message.sequence} cannot be read: {error}") from error
-        t_s = stamped_s or logged_s
+        t_s = self._time(message.channel_id, stamped_s, logged_s)
         is_late = 0.0 <= logged_s - t_s <= _LATE_S
         when = Sampled(t_s, logged_s if is_late else t_s, "real", self._mount)
         before = self._before.get(message.channel_id)
@@ -110,6 +120,23 @@ class TopicDecoders:
         if fault_of(reading) is None:
             self._before[message.channel_id] = reading
         return reading
+
+    def _time(self, channel_id: int, stamped_s: float, logged_s: float) -> float:
+        """Return a message's time: its stamp, or when that is 0 (unset) its log time.
+
+        The first stamp of a simulation's time may be 0, too: the later ones go on from the log time
+        of the first, else all of them would be older than it.
+        """
+        last = self._last_s.get(channel_id)
+        t_s = stamped_s + self._shift_s.get(channel_id, 0.0) if stamped_s else logged_s
+        if last is not None and bool(stamped_s) != last.is_stamped:
+            expected_s = last.t_s + logged_s - last.logged_s
+            if abs(t_s - expected_s) > _LATE_S:
+                t_s = expected_s
+                if stamped_s:
+                    self._shift_s[channel_id] = t_s - stamped_s
+        self._last_s[channel_id] = _Timed(t_s, logged_s, bool(stamped_s))
+        return t_s
 
     def _ros2_decoder(self, schema: Schema) -> Decoder:
         if (known := self._decoders.get(schema.id)) is not None:

@@ -5,13 +5,13 @@ from pathlib import Path
 
 from mcap.records import Channel, Message, Schema
 
-from orchestrator.recording.errors import RecordingError
-from orchestrator.recording.mcap.mcap_chunks import RecordStream
-from orchestrator.recording.topic_decoders import TopicDecoders
-from vehicles.readings import Reading
-from vehicles.sources.camera_source import SourceError
-from vehicles.sources.messagepack import BadMessageError
-from worlds.frames import AT_ORIGIN, Pose
+from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
+from wil_campaign.orchestrator.recording.topic_decoders import TopicDecoders
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.vehicles.sources.messagepack import BadMessageError
+from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 
 
 class TopicReadings:

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import NamedTuple, Self
 
-from vehicles.background_file import BackgroundFile
-from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
-from worlds.frames import Pose, Vec3, euler_from_quat
+from wil_campaign.vehicles.background_file import BackgroundFile
+from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
+from wil_campaign.worlds.frames import Pose, Vec3, euler_from_quat
 
 _POSE = ("north_m", "east_m", "down_m", "roll_rad", "pitch_rad", "yaw_rad")
 COLUMNS = (

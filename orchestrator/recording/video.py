@@ -1,4 +1,4 @@
-"""The video mixed.mp4: the images that the autonomy perceived, playable even when cut off."""
+"""Writes images of one size as a video, playable even when cut off."""
 
 from fractions import Fraction
 from pathlib import Path
@@ -7,8 +7,8 @@ from typing import Any, Self
 import av
 import cv2
 
-from vehicles.background_file import BackgroundFile
-from vehicles.readings import BgrImage
+from wil_campaign.vehicles.background_file import BackgroundFile
+from wil_campaign.vehicles.readings import BgrImage
 
 _TIME_BASE = Fraction(1, 90_000)
 

@@ -2,7 +2,6 @@
 
 import base64
 import multiprocessing
-import os
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -11,19 +10,18 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from orchestrator.analysis.gap.gap import Gap
-from orchestrator.analysis.model import CampaignDocuments, RunEntry
-from orchestrator.analysis.pass_rates import PassRates
-from orchestrator.analysis.reading.results_folder import read_campaign
-from orchestrator.analysis.study import FILE_NAME as STATISTICS
-from orchestrator.analysis.study import Study, read_study, study_json
-from orchestrator.model.document_writer import write_whole
-from orchestrator.recording.timestamps import utc_text
-from orchestrator.report.model import RunReport
-from orchestrator.report.reading.run_reader import read_run
-from orchestrator.report.reading.sight_decoding import ImageSize
-from orchestrator.report.rendering.overview import stand_in
-from orchestrator.report.rendering.page import (
+from wil_campaign import hooks
+from wil_campaign.hooks import ReportSection, Section
+from wil_campaign.installed_plugins import added, load
+from wil_campaign.orchestrator.model.document_writer import write_whole
+from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
+from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.recording.timestamps import utc_text
+from wil_campaign.orchestrator.report.model import RunReport
+from wil_campaign.orchestrator.report.reading.run_reader import read_run
+from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
+from wil_campaign.orchestrator.report.rendering.overview import stand_in
+from wil_campaign.orchestrator.report.rendering.page import (
     RunPage,
     anchors,
     decides,
@@ -31,13 +29,14 @@ from orchestrator.report.rendering.page import (
     render_run,
     went_wrong,
 )
+from wil_campaign.vehicles.processes.linux import usable_cores
 
 FILE_NAME = "report.html"
 _ALONE = 8
 """Up to this many runs one process is as fast as several."""
 _FEW = 12
 """Up to this many failed runs have large frames: 7 per run, some 30 kB a frame."""
-_VIDEO_BYTES = 6_000_000
+_VIDEO_BYTES = 1_000_000
 """Limit on the videos embedded in the page, in total: those of runs that did not pass."""
 
 
@@ -45,12 +44,12 @@ _VIDEO_BYTES = 6_000_000
 class WrittenReport:
     """The path of the report. problems: what is missing or damaged, so that the report lacks it.
 
-    study: the campaign's statistics, as the page shows them.
+    texts: what its sections say at the end of `run`.
     """
 
     path: Path
     problems: tuple[str, ...]
-    study: Study
+    texts: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,22 +90,17 @@ def write_report(folder: Path, *, out: Path | None = None) -> WrittenReport:
         )
         for entry, anchor in zip(campaign.entries, names, strict=True)
     ]
-    pages, study = _pages_and_study(orders, folder, campaign)
+    pages, sections = _pages_and_sections(orders, folder, campaign)
     path = folder / FILE_NAME if out is None else out
-    page = render_page(campaign, study, pages, made_utc=utc_text(time.time()))
-    write_whole(path, page)
+    html = [one.html for one in sections]
+    write_whole(path, render_page(campaign, html, pages, made_utc=utc_text(time.time())))
     if out is None:
-        write_whole(folder / STATISTICS, study_json(campaign, study))
+        for name, text in (file for one in sections for file in one.files.items()):
+            write_whole(folder / name, text)
     problems = [f"{one.name}: {text}" for one in pages for text in one.problems]
-    return WrittenReport(path, (*campaign.problems, *problems, *study.gap.left_out), study)
-
-
-def _study(folder: Path, campaign: CampaignDocuments) -> Study:
-    try:
-        return read_study(folder, campaign)
-    except Exception as error:  # noqa: BLE001 - a damaged file may raise anything
-        why = f"the gap cannot be measured: {type(error).__name__}: {error}"
-        return Study(PassRates((), (), ()), Gap(left_out=(why,)))
+    problems += [text for one in sections for text in one.problems]
+    texts = tuple(one.text for one in sections if one.text)
+    return WrittenReport(path, (*campaign.problems, *problems), texts)
 
 
 def _runs_with_video(folder: Path, entries: Iterable[RunEntry]) -> Iterator[str]:
@@ -121,10 +115,12 @@ def _runs_with_video(folder: Path, entries: Iterable[RunEntry]) -> Iterator[str]
                     yield entry.name
 
 
-def _pages_and_study(
+def _pages_and_sections(
     orders: Sequence[_Order], folder: Path, campaign: CampaignDocuments
-) -> tuple[list[RunPage], Study]:
-    workers = min(os.cpu_count() or 1, len(orders))
+) -> tuple[list[RunPage], list[Section]]:
+    """Return the runs of the page, and what plugins add to it."""
+    wanted = tuple(added(hooks.report_sections).values())
+    workers = min(usable_cores(), len(orders))
     if len(orders) > _ALONE and workers > 1:
         # Spawned, not forked: earlier flights may have left threads.
         context = multiprocessing.get_context("spawn")
@@ -133,9 +129,19 @@ def _pages_and_study(
             suppress(BrokenProcessPool),
             ProcessPoolExecutor(workers, mp_context=context) as pool,
         ):
-            study = pool.submit(_study, folder, campaign)
-            return list(pool.map(_page, orders, chunksize=2)), study.result()
-    return list(map(_page, orders)), _study(folder, campaign)
+            sections = [pool.submit(_section, one, folder, campaign) for one in wanted]
+            pages = list(pool.map(_page, orders, chunksize=2))
+            return pages, [one.result() for one in sections]
+    return list(map(_page, orders)), [_section(one, folder, campaign) for one in wanted]
+
+
+def _section(wanted: ReportSection, folder: Path, campaign: CampaignDocuments) -> Section:
+    try:
+        found: Section = load(wanted.section)(folder, campaign)
+    except Exception as error:  # noqa: BLE001 - a plugin may raise anything
+        why = f"the section {wanted.name} is left out: {type(error).__name__}: {error}"
+        return Section(problems=(why,))
+    return found
 
 
 def _page(order: _Order) -> RunPage:

@@ -7,11 +7,11 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from orchestrator.analysis.model import Commanded
-from orchestrator.model.results import RunResult
-from safety.fence.geofence import Fence
-from worlds.camera import Intrinsics
-from worlds.frames import Pose, Vec3
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.reading.model import Commanded
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose, Vec3
 
 Point = tuple[float, float]
 
@@ -116,7 +116,8 @@ class Closeup:
 class Outline:
     """An object of the world, seen from above (east, north) and from the side (along, up); metres.
 
-    is_virtual: it is in Wv and not in W. route_*: its path, where it moves.
+    is_virtual: it is in Wv and not in W. route_*: its path, where it moves. depth_m: how far it
+    extends away from who looks from the side, least and most.
     """
 
     name: str
@@ -127,6 +128,16 @@ class Outline:
     side_m: tuple[tuple[Point, ...], ...]
     route_above_m: tuple[Point, ...] = ()
     route_side_m: tuple[Point, ...] = ()
+    depth_m: Point = (0.0, 0.0)
+
+
+def side_depth_m(position_ned_m: Vec3, side_axis: str) -> float:
+    """Return how far away a place is for who looks from the side; metres, larger is behind.
+
+    With north to the right one looks west, with east to the right one looks north.
+    """
+    north_m, east_m, _ = position_ned_m
+    return north_m if side_axis == "east" else -east_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +155,7 @@ class DrawnWorld:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """An image for the page. jpeg: base64. t_s: exposure; delivered_s: delivery to the autonomy.
+    """An image for the page. webp: base64. t_s: exposure; delivered_s: delivery to the autonomy.
 
     view: the camera; None where it was not recorded.
     """
@@ -154,7 +165,7 @@ class Frame:
     delivered_s: float
     width_px: int
     height_px: int
-    jpeg: str
+    webp: str
     view: "CameraView | None" = None
 
 
@@ -218,6 +229,7 @@ class Sight:
 class Cause:
     """Why a run is not a PASS. facts: measured, limit, by how much, when, where.
 
+    headline: what the vehicle did, as a person would say it; empty where only `sentence` serves.
     sequence: the decisive events in order of time, and the end of the flight; empty for a single
     event.
     """
@@ -229,6 +241,26 @@ class Cause:
     oracle: str = ""
     vehicle: str = ""
     sequence: tuple[tuple[float, str], ...] = ()
+    headline: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Margin:
+    """A required check that held; texts as shown. at_s: when it was tightest, or None."""
+
+    name: str
+    measured: str
+    limit: str
+    margin: str
+    at_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Success:
+    """Why a run passed. margins: of its required checks that measured something."""
+
+    sentence: str
+    margins: tuple[Margin, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,7 +284,9 @@ class RunReport:
     """One run. result: None where it is missing or unreadable. problems: what cannot be shown.
 
     notes: facts that did not decide the verdict: the end of the twin, reported oracles. files:
-    names in its folder. overrides: what its case changes, as texts.
+    names in its folder. has_images: whether a video can be made of it. overrides: what its case
+    changes, as texts. images_end_s: when drawn images ended, where the moment is later, so that it
+    has no sight; else None.
     """
 
     name: str
@@ -262,6 +296,7 @@ class RunReport:
     result: RunResult | None
     problems: tuple[str, ...] = ()
     cause: Cause | None = None
+    success: Success | None = None
     notes: tuple[str, ...] = ()
     moment: Moment | None = None
     at_moment: tuple[VehicleAtMoment, ...] = ()
@@ -273,6 +308,7 @@ class RunReport:
     world: DrawnWorld = field(default_factory=DrawnWorld)
     closeup: Closeup | None = None
     sight: Sight | None = None
+    images_end_s: float | None = None
     strip: tuple[Sight, ...] = ()
     plots: tuple[Plot, ...] = ()
     events: tuple[LogEvent, ...] = ()
@@ -281,5 +317,6 @@ class RunReport:
     events_left_out: int = 0
     video: str | None = None
     video_bytes: int = 0
+    has_images: bool = False
     files: tuple[str, ...] = ()
     overrides: tuple[str, ...] = ()

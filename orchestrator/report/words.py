@@ -2,8 +2,8 @@
 
 import math
 
-from safety.model.oracle_results import Limit, OracleResult
-from worlds.frames import Vec3
+from wil_campaign.safety.model.oracle_results import Limit, OracleResult
+from wil_campaign.worlds.frames import Vec3
 
 NOTHING = "\N{EN DASH}"
 MODES = {

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from recipes.pipeline.mixture import Mixed
-from recipes.visibility.model import FrameVisibility
-from vehicles.readings import CameraReading, Reading
+from wil_campaign.recipes.pipeline.mixture import Mixed
+from wil_campaign.recipes.visibility.model import FrameVisibility
+from wil_campaign.vehicles.readings import CameraReading, Reading
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,10 +28,12 @@ class MixedFrame:
 class PreviewImages:
     """Preview images of a mixture for people: what the subject perceives, and the inputs.
 
-    alone: why the mixture contains nothing of the twin; empty where it does.
+    topic: of the perceived image in run.mcap. alone: why the mixture contains nothing of the twin;
+    empty where it does.
     """
 
     perceived: CameraReading
+    topic: str
     real: CameraReading | None = None
     twin: CameraReading | None = None
     alone: str = ""

@@ -5,17 +5,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
-from campaigns.expansion.expansion import RunPlan
-from campaigns.schema import Mode, VehicleName
-from campaigns.setup.actor_setups import ActorSetup
-from campaigns.setup.case_setup import FLIES, Setup, VehicleSetup
-from campaigns.setup.vehicle_setups import FlownSetup
-from orchestrator.model.clock import Clock
-from orchestrator.model.results import Attempt
-from orchestrator.model.return_path import ReturnPath
-from vehicles.autopilots.registry import autopilot_named
-from vehicles.embedded.profile import Profile, load_profile
-from worlds.scene.scene import Scene
+from wil_campaign.campaigns.expansion.expansion import RunPlan
+from wil_campaign.campaigns.schema import Mode, VehicleName
+from wil_campaign.campaigns.setup.actor_setups import ActorSetup
+from wil_campaign.campaigns.setup.case_setup import FLIES, Setup, VehicleSetup
+from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
+from wil_campaign.orchestrator.model.clock import Clock
+from wil_campaign.orchestrator.model.results import Attempt
+from wil_campaign.orchestrator.model.return_path import ReturnPath
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.embedded.profile import Profile, load_profile
+from wil_campaign.worlds.scene.scene import Scene
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,7 +24,8 @@ class RunOrder:
 
     liftoff_delays_s: by vehicle, from takeoff command to liftoff, as earlier runs measured them;
     attempts: earlier ones at this run, which do not count. arm: False stops before arming. back:
-    set for the return flight to the start after the run, instead of the run.
+    set for the return flight to the start after the run, instead of the run. campaign: the results
+    folder of the campaign on its own machine, by which guards on any machine say whose they are.
     """
 
     plan: RunPlan
@@ -34,6 +35,7 @@ class RunOrder:
     arm: bool = True
     back: ReturnPath | None = None
     liftoff_delays_s: Mapping[str, float] = field(default_factory=dict)
+    campaign: Path | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

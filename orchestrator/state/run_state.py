@@ -3,11 +3,12 @@
 import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 from typing import Literal
 
-from orchestrator.model.faults import Fault, FaultLog, Faults
-from orchestrator.model.twin_results import DropOut
-from safety.model.verdict import DecisiveEvent, DecisiveKind
+from wil_campaign.orchestrator.model.faults import Fault, FaultLog, Faults
+from wil_campaign.orchestrator.model.twin_results import DropOut
+from wil_campaign.safety.model.verdict import DecisiveEvent, DecisiveKind
 
 Stage = Literal[
     "start",
@@ -50,6 +51,8 @@ class RunState:
         self.over = asyncio.Event()
         self.last_note: Callable[[], str] = str
         """Returns the last note of the judged vehicle's autonomy; set once there are vehicles."""
+        self.autonomy_folders: set[Path] = set()
+        """Folders of the code under test: what it raises beside its calls is its failure."""
         self._is_held = False
         self.holds = 0
         """How often the operator has held the run."""

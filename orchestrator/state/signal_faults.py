@@ -4,14 +4,14 @@ import asyncio
 from collections.abc import Callable, Sequence
 from typing import TypeVar, cast
 
-from campaigns.values.signal_faults import SignalFault
-from orchestrator.state.run_state import RunState, Stage
-from vehicles.cameras.rendered_cameras import NoImageError
-from vehicles.driver.vehicle_state import EstimateSample
-from vehicles.faults import FaultKind, FaultySignal, Restamp
-from vehicles.readings import Reading
-from vehicles.sensors.sensor_streams import OnDemand
-from worlds.frames import Pose
+from wil_campaign.campaigns.values.signal_faults import SignalFault
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.vehicles.cameras.rendered_cameras import NoImageError
+from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
+from wil_campaign.vehicles.faults import FaultKind, FaultySignal, Restamp
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.vehicles.sensors.sensor_streams import OnDemand
+from wil_campaign.worlds.frames import Pose
 
 T = TypeVar("T")
 

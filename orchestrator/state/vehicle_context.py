@@ -4,21 +4,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
-from orchestrator.state.liftoff_detector import LiftoffDetector
-from orchestrator.state.signal_faults import SignalFaults, restamp_estimate
-from safety.model.samples import PoseSample, ReferenceSample
-from vehicles.autonomy import Telemetry
-from vehicles.autopilots.injection_support.rules import Setpoints
-from vehicles.driver import Driver
-from vehicles.driver.vehicle_state import EstimateSample
-from vehicles.embedded.physics.states import TruthSample
-from vehicles.faults import FaultySignal
-from vehicles.poses.pose_history import PoseHistory
-from vehicles.readings import PoseReading
-from vehicles.readings.copies import restamp_pose
-from vehicles.setpoints import PositionSetpoint, Setpoint
-from vehicles.tasks import Contained
-from worlds.frames import Pose, Vec3, scale, subtract
+from wil_campaign.orchestrator.state.liftoff_detector import LiftoffDetector
+from wil_campaign.orchestrator.state.signal_faults import SignalFaults, restamp_estimate
+from wil_campaign.safety.model.samples import PoseSample, ReferenceSample
+from wil_campaign.vehicles.autonomy import Telemetry
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
+from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.faults import FaultySignal
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.vehicles.readings import PoseReading
+from wil_campaign.vehicles.readings.copies import restamp_pose
+from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, Setpoints
+from wil_campaign.vehicles.tasks import Contained
+from wil_campaign.worlds.frames import Pose, Vec3, scale, subtract
 
 T = TypeVar("T")
 
@@ -41,9 +40,9 @@ class VehicleContext:
 
     poses: by the campaign's pose source, world frame; used by oracles and rendering. truth: ground
     truth of the embedded simulation, or of the vehicle's simulator over MAVLink; empty without
-    either. setpoint, note: the newest of its autonomy; program_setpoints: kind of the newest one of
+    either. setpoint, note: the newest of its autonomy; foreign_setpoints: kind of the newest one of
     an external program. liftoff: by the vehicle's own clock, mapped. may_drop_out: from the takeoff
-    on the run continues without it.
+    on the run continues without it. permits_dead_reckoning: as its campaign says.
     """
 
     name: str
@@ -53,11 +52,12 @@ class VehicleContext:
     poses: PoseHistory = field(default_factory=lambda: PoseHistory(HISTORY_S))
     truth: PoseHistory = field(default_factory=lambda: PoseHistory(HISTORY_S))
     setpoint: Setpoint | None = None
-    program_setpoints: Setpoints | None = None
+    foreign_setpoints: Setpoints | None = None
     note: str = ""
     liftoff: LiftoffDetector = field(default_factory=LiftoffDetector)
     contact: str | None = None
     may_drop_out: bool = False
+    permits_dead_reckoning: bool = False
     _has_own_truth: bool = False
     _faulty_estimate: FaultySignal[EstimateSample] | None = None
     _faulty_simulator: FaultySignal[EstimateSample] | None = None
@@ -72,7 +72,7 @@ class VehicleContext:
     def steered_by(self) -> Setpoints | None:
         """Return the vehicle's last setpoint of its autonomy; None before the first."""
         if self.setpoint is None:
-            return self.program_setpoints
+            return self.foreign_setpoints
         return "position" if isinstance(self.setpoint, PositionSetpoint) else "velocity"
 
     def inject(self, faults: SignalFaults) -> None:

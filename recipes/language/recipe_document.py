@@ -5,12 +5,20 @@ from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue, ValidationError, field_validator
 
-from recipes.model.recipe import Budget, Combination, Recipe, Sensor, Step
-from recipes.model.registry import STAGES, Stage, StepParameters, StepType, find, resembling, steps
-from recipes.operations.step_parameters import IMAGE_SENSORS
-from recipes.working import SIDES, Side
-from vehicles.readings import SensorType
-from worlds.files.documents import (
+from wil_campaign.recipes.model.recipe import Budget, Combination, Recipe, Sensor, Step
+from wil_campaign.recipes.model.registry import (
+    STAGES,
+    Stage,
+    StepParameters,
+    StepType,
+    find,
+    resembling,
+    steps,
+)
+from wil_campaign.recipes.operations.step_parameters import IMAGE_SENSORS
+from wil_campaign.recipes.working import SIDES, Side
+from wil_campaign.vehicles.readings import SensorType
+from wil_campaign.worlds.files.documents import (
     BadInput,
     Data,
     Document,

@@ -1,23 +1,26 @@
-"""Recipe files: YAML, or the paper's XML, by their suffix."""
+"""Recipe files: YAML, or what the suffix of a plugin's format says, such as the paper's XML."""
 
+from collections.abc import Callable
 from pathlib import Path
 
-from recipes.language.paper_xml import parse_paper_xml
-from recipes.language.recipe_document import load_recipe
-from recipes.model.recipe import Recipe
-from worlds.files.documents import MAX_BYTES, BadInput, Document, Problem, load
-
-_XML = ".xml"
+from wil_campaign.hooks import recipe_formats
+from wil_campaign.installed_plugins import absent, added
+from wil_campaign.installed_plugins import load as load_name
+from wil_campaign.recipes.language.recipe_document import load_recipe
+from wil_campaign.recipes.model.recipe import Recipe
+from wil_campaign.worlds.files.documents import MAX_BYTES, BadInput, Document, Problem, load
 
 
 def load_recipe_document(path: Path, name: str | None = None) -> Document:
-    """Return a recipe file as a document for `load_recipe`; XML in its YAML form.
+    """Return a recipe file as a document for `load_recipe`; in its YAML form.
 
     name: what to call it in messages; None: the path. Raises BadInput with every problem found.
     """
-    if path.suffix.lower() != _XML:
+    suffix, called = path.suffix.lower(), str(path) if name is None else name
+    if why := absent(recipe_formats).get(suffix):
+        raise BadInput([Problem(called, 0, 0, why)])
+    if (recipe_format := added(recipe_formats).get(suffix)) is None:
         return load(path, name)
-    called = str(path) if name is None else name
     try:
         with path.open("rb") as stream:
             content = stream.read(MAX_BYTES + 1)
@@ -26,9 +29,10 @@ def load_recipe_document(path: Path, name: str | None = None) -> Document:
         raise BadInput([Problem(called, 0, 0, message)]) from error
     if len(content) > MAX_BYTES:
         raise BadInput([Problem(called, 0, 0, f"is larger than {MAX_BYTES} bytes")])
-    return parse_paper_xml(content, name=called, path=path)
+    parse: Callable[..., Document] = load_name(recipe_format.parse)
+    return parse(content, name=called, path=path)
 
 
 def load_recipe_file(path: Path) -> Recipe:
-    """Return the recipe in a file, YAML or XML. Raises BadInput with every problem."""
+    """Return the recipe in a file, of any format. Raises BadInput with every problem."""
     return load_recipe(load_recipe_document(path))

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from recipes.model.registry import StepType
+from wil_campaign.recipes.model.registry import StepType
 
 _TYPES: dict[Any, str] = {float: "number", int: "whole number", bool: "true or false", str: "text"}
 

@@ -1,19 +1,21 @@
-"""The registry of the steps that a recipe can name: a decorator and a dict.
+"""The registry of the steps that a recipe can name: the core's, and those of plugins.
 
 A step is a function that builds an operator from its parameters; the first line of its docstring
 is its summary in the listing.
 """
 
-import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path as FilePath
 from typing import Any, ClassVar, Literal, TypeVar
 
 from pydantic import model_validator
 
-from recipes.working import Built, Need, Side
-from worlds.files.documents import Part, Path, closest
+from wil_campaign.hooks import recipe_steps
+from wil_campaign.installed_plugins import loaded
+from wil_campaign.recipes.working import Built, Need, Side
+from wil_campaign.worlds.files.documents import Part, Path, closest
 
 Stage = Literal["transform", "filter", "merge"]
 OWN_STEP = "use"
@@ -35,7 +37,7 @@ class StepParameters(Part):
 
     shorthand: the parameter that is set by a value that is no mapping: `resize: real`. needs: what
     the step needs of a side's readings in addition to their values. tolerates: faults of a reading
-    (vehicles.readings.checks) that the step corrects. timed: whether the step selects among a
+    (vehicles/readings/checks) that the step corrects. timed: whether the step selects among a
     side's readings by time; it then has to come before all others of that side. reshapes: whether
     the step may change the size of an image, or the beams of a scan.
     """
@@ -125,14 +127,8 @@ class StepType:
     gives: Mapping[str, str] = field(default_factory=dict)
 
 
-class DuplicateStepError(ValueError):
-    """A second step is registered under one name."""
-
-
 P = TypeVar("P", bound=StepParameters)
 B = TypeVar("B", bound=Built)
-
-_TYPES: dict[tuple[str, Stage], StepType] = {}
 
 
 def step(
@@ -142,24 +138,26 @@ def step(
     sensors: tuple[str, ...],
     parameters: type[P],
     gives: Mapping[str, str] | None = None,
-) -> Callable[[Callable[[P, Context], B]], Callable[[P, Context], B]]:
-    """Register a function as the step of this name. Raises DuplicateStepError on a second one."""
+) -> Callable[[Callable[[P, Context], B]], StepType]:
+    """Return a decorator that makes a function the step of this name (`StepType`)."""
 
-    def register(build: Callable[[P, Context], B]) -> Callable[[P, Context], B]:
-        if (name, stage) in _TYPES:
-            raise DuplicateStepError(f"step '{name}' is registered already as a {stage}")
+    def make(build: Callable[[P, Context], B]) -> StepType:
         summary = (build.__doc__ or "").partition("\n")[0].strip()
-        kind = StepType(name, stage, sensors, parameters, summary, build, dict(gives or {}))
-        _TYPES[name, stage] = kind
-        return build
+        return StepType(name, stage, sensors, parameters, summary, build, dict(gives or {}))
 
-    return register
+    return make
 
 
+@cache
 def steps() -> tuple[StepType, ...]:
-    """Return all registered steps, by stage in the order of the method, then by name."""
-    _load()
-    return tuple(sorted(_TYPES.values(), key=lambda kind: (STAGES.index(kind.stage), kind.name)))
+    """Return all steps, by stage in the order of the method, then by name.
+
+    Raises BadInput for a plugin that cannot be used.
+    """
+    found: list[StepType] = []
+    for kinds in loaded(recipe_steps, "step").values():
+        found += kinds if isinstance(kinds, tuple) else (kinds,)
+    return tuple(sorted(found, key=lambda kind: (STAGES.index(kind.stage), kind.name)))
 
 
 def find(name: str, stage: Stage | None = None) -> StepType | None:
@@ -172,8 +170,3 @@ def resembling(name: str, stage: Stage) -> str:
     """Return the registered step that a misspelt name probably means, of this stage first."""
     known = [kind.name for kind in steps() if kind.stage == stage]
     return closest(name, known) or closest(name, [kind.name for kind in steps()])
-
-
-def _load() -> None:
-    """Import the package whose modules register the built-in steps."""
-    importlib.import_module("recipes.steps")

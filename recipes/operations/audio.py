@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from recipes.working import CannotMixError
-from vehicles.readings import MicrophoneReading, end_s, samples_from_pressure
+from wil_campaign.recipes.working import CannotMixError
+from wil_campaign.vehicles.readings import MicrophoneReading, end_s, samples_from_pressure
 
 Sound = NDArray[np.float64]
 

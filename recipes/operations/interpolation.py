@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vehicles.readings import (
+from wil_campaign.vehicles.readings import (
     GpsReading,
     ImuReading,
     LidarScanReading,
@@ -12,7 +12,7 @@ from vehicles.readings import (
     RangefinderReading,
     Reading,
 )
-from worlds.frames import lerp
+from wil_campaign.worlds.frames import lerp
 
 INTERPOLATED = ("pose", "gps", "imu", "rangefinder", "lidar")
 """Sensor types with interpolation; images, clouds and blocks of sound have none."""

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recipes.working import AnyMasked, Masked, R, element_shape
-from vehicles.readings import Mask
+from wil_campaign.recipes.working import AnyMasked, Masked, R, element_shape
+from wil_campaign.vehicles.readings import Mask
 
 Bools = NDArray[np.bool_]
 

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recipes.working import Masked
-from vehicles.readings import CameraReading, DepthReading
-from worlds.camera import Intrinsics
-from worlds.frames import IDENTITY, Quat, matrix_from_quat
+from wil_campaign.recipes.working import Masked
+from wil_campaign.vehicles.readings import CameraReading, DepthReading
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import IDENTITY, Quat, matrix_from_quat
 
 ImageReading = CameraReading | DepthReading
 P = TypeVar("P", CameraReading, DepthReading, CameraReading | DepthReading)

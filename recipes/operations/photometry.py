@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.readings import BgrImage, Mask
+from wil_campaign.vehicles.readings import BgrImage, Mask
 
 _SAMPLE_PX = 160
 """Number of columns and rows of the image on which levels are measured, about."""

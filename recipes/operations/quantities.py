@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.readings import SENSOR_TYPES
-from vehicles.readings.numbers import number_fields
-from worlds.frames import norm
+from wil_campaign.vehicles.readings import SENSOR_TYPES
+from wil_campaign.vehicles.readings.numbers import number_fields
+from wil_campaign.worlds.frames import norm
 
 Values = float | NDArray[np.float32]
 """One number for the whole reading, or one per element."""

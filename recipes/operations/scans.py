@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from recipes.working import CannotMixError, Masked
-from vehicles.readings import LidarScanReading
+from wil_campaign.recipes.working import CannotMixError, Masked
+from wil_campaign.vehicles.readings import LidarScanReading
 
 _SAME_RAD = 1e-4
 """Beams that differ by less are the same: 1 mm at 10 m."""

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.readings import BgrImage, Mask
+from wil_campaign.vehicles.readings import BgrImage, Mask
 
 
 class SoftEdge:

@@ -6,9 +6,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
-from worlds.camera import Intrinsics
-from worlds.files.documents import KeyFaultError, Part
-from worlds.frames import (
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.files.documents import KeyFaultError, Part
+from wil_campaign.worlds.frames import (
     Quat,
     quat_from_euler,
     quat_from_matrix,

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from vehicles.readings import (
+from wil_campaign.vehicles.readings import (
     CameraReading,
     DepthReading,
     LidarPointsReading,

@@ -8,8 +8,9 @@ INVALID.
 from collections import deque
 from dataclasses import dataclass
 
-from recipes.model.recipe import Budget
-from recipes.pipeline.mixture import Provenance
+from wil_campaign.recipes.model.recipe import Budget
+from wil_campaign.recipes.pipeline.mixture import Provenance
+from wil_campaign.worlds.figures import distinct_text
 
 _SLACK = 1e-6
 
@@ -23,7 +24,8 @@ class Breach:
     limit: float
 
     def __str__(self) -> str:
-        return f"{self.what}: {self.actual:.4g}, the limit is {self.limit:g}"
+        actual = distinct_text(self.actual, self.limit, digits=1).removesuffix(".0")
+        return f"{self.what}: {actual}, the limit is {self.limit:g}"
 
 
 def breach_of(budget: Budget, provenance: Provenance) -> Breach | None:

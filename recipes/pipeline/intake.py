@@ -2,8 +2,8 @@
 
 from collections import Counter, deque
 
-from vehicles.readings import Reading, sensor_type_of
-from vehicles.readings.checks import Fault, fault_after, fault_of
+from wil_campaign.vehicles.readings import Reading, sensor_type_of
+from wil_campaign.vehicles.readings.checks import Fault, fault_after, fault_of
 
 _REMEMBERED = 64
 

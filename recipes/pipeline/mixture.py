@@ -5,8 +5,8 @@ from typing import Generic
 
 from typing_extensions import TypeVar
 
-from recipes.working import DropReason
-from vehicles.readings import CameraReading, Reading
+from wil_campaign.recipes.working import DropReason
+from wil_campaign.vehicles.readings import CameraReading, Reading
 
 R = TypeVar("R", bound=Reading, default=CameraReading)
 

@@ -8,14 +8,21 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import TypeVar, cast
 
-from recipes.model.recipe import Combination, Recipe
-from recipes.model.registry import Context
-from recipes.operations.audio import TimeLine
-from recipes.pipeline.autonomy_readings import autonomy_reading
-from recipes.pipeline.intake import Intake
-from recipes.pipeline.mixture import MixCounts, Mixed, Provenance, StageTime
-from recipes.pipeline.stages import Merging, Observer, Stage, StageView, Stopwatch, compile_stages
-from recipes.working import (
+from wil_campaign.recipes.model.recipe import Combination, Recipe
+from wil_campaign.recipes.model.registry import Context
+from wil_campaign.recipes.operations.audio import TimeLine
+from wil_campaign.recipes.pipeline.autonomy_readings import autonomy_reading
+from wil_campaign.recipes.pipeline.intake import Intake
+from wil_campaign.recipes.pipeline.mixture import MixCounts, Mixed, Provenance, StageTime
+from wil_campaign.recipes.pipeline.stages import (
+    Merging,
+    Observer,
+    Stage,
+    StageView,
+    Stopwatch,
+    compile_stages,
+)
+from wil_campaign.recipes.working import (
     SIDES,
     AnyMasked,
     CannotMixError,
@@ -25,7 +32,7 @@ from recipes.working import (
     PoseRequest,
     Side,
 )
-from vehicles.readings import MicrophoneReading, Reading
+from wil_campaign.vehicles.readings import MicrophoneReading, Reading
 
 __all__ = ["Mixer", "Stopwatch", "compile_recipe"]
 

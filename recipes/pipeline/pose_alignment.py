@@ -1,7 +1,7 @@
 """Align the worlds in time: from which pose the twin's image is to be taken."""
 
-from recipes.working import AlignedPose, PoseRequest
-from vehicles.poses.pose_history import PoseHistory
+from wil_campaign.recipes.working import AlignedPose, PoseRequest
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
 
 
 def align_pose(

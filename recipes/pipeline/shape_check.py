@@ -9,11 +9,19 @@ from functools import partial
 from pathlib import Path as FilePath
 from typing import TypeVar, cast
 
-from recipes.model.recipe import Combination, Step
-from recipes.model.registry import OWN_STEP, Context
-from recipes.working import SIDES, AnyMasked, CannotMixError, Masked, Merge, Operator, Side
-from vehicles.readings import Reading
-from worlds.files.documents import Path
+from wil_campaign.recipes.model.recipe import Combination, Step
+from wil_campaign.recipes.model.registry import OWN_STEP, Context
+from wil_campaign.recipes.working import (
+    SIDES,
+    AnyMasked,
+    CannotMixError,
+    Masked,
+    Merge,
+    Operator,
+    Side,
+)
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.worlds.files.documents import Path
 
 T = TypeVar("T")
 

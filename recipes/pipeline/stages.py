@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
-from recipes.model.recipe import Combination, Step
-from recipes.model.registry import OWN_STEP, Context
-from recipes.working import (
+from wil_campaign.recipes.model.recipe import Combination, Step
+from wil_campaign.recipes.model.registry import OWN_STEP, Context
+from wil_campaign.recipes.working import (
     SIDES,
     AnyMasked,
     Built,
@@ -22,8 +22,8 @@ from recipes.working import (
     StepError,
     TimedOperator,
 )
-from vehicles.readings import Reading
-from worlds.files.documents import Document
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.worlds.files.documents import Document
 
 Stopwatch = Callable[[], float]
 

@@ -8,12 +8,19 @@ from typing import Any, cast
 
 from pydantic import Field, JsonValue
 
-from recipes.model.registry import Context, ParameterFault, SidedParameters, StepParameters, step
-from recipes.working import AnyMasked, Masked, Merge, Operator, Sides, element_shape
-from vehicles.readings import SENSOR_TYPES, Reading, sensor_type_of
-from vehicles.readings.checks import fault_of
-from vehicles.readings.copies import copied, with_python_numbers
-from worlds.files.references import BadReferenceError, load_reference
+from wil_campaign.recipes.model.registry import (
+    OWN_STEP,
+    Context,
+    ParameterFault,
+    SidedParameters,
+    StepParameters,
+    step,
+)
+from wil_campaign.recipes.working import AnyMasked, Masked, Merge, Operator, Sides, element_shape
+from wil_campaign.vehicles.readings import SENSOR_TYPES, Reading, sensor_type_of
+from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.readings.copies import copied, with_python_numbers
+from wil_campaign.worlds.files.references import BadReferenceError, load_reference
 
 _ANY = tuple(SENSOR_TYPES)
 _READINGS = tuple(SENSOR_TYPES.values())
@@ -81,14 +88,12 @@ class UseParameters(SidedParameters):
         return _function_faults(self.use, self.with_, folder, ("work", "other"))
 
 
-@step("use", stage="filter", sensors=_ANY, parameters=UseParameters)
-@step("use", stage="transform", sensors=_ANY, parameters=UseParameters)
 def use(parameters: UseParameters, context: Context) -> Operator:
     """Call a function of the user's own: (work, other, **with) that returns a reading or a Masked.
 
-    work, other: recipes.working.Masked, this side and the other (None when it is missing). They are
-    copies, which the step may write into. The returned reading must be valid and of the same type;
-    a reading without a Masked keeps the mask.
+    work, other: wil_campaign.api.Masked, of this side and of the other (None when it is missing).
+    They are copies, which the step may write into. The returned reading must be valid and of the
+    same type; a reading without a Masked keeps the mask.
     A class is instantiated once, with the arguments in `with`, and its instance is called.
     """
     called = _prepare_function(parameters.use, parameters.with_, context)
@@ -127,11 +132,10 @@ class UseMergeParameters(StepParameters):
         return _function_faults(self.use, self.with_, folder, ("sides",))
 
 
-@step("use", stage="merge", sensors=_ANY, parameters=UseMergeParameters)
 def use_merge(parameters: UseMergeParameters, context: Context) -> Merge:
     """Call a function of the user's own: (sides, **with) that returns the mixed reading.
 
-    sides: a mapping of "real" and "twin" to recipes.working.Masked, copies as of `use`; "twin" is
+    sides: a mapping of "real" and "twin" to wil_campaign.api.Masked, copies as of `use`; "twin" is
     missing when there is no reading of it to mix.
     """
     called = _prepare_function(parameters.use, parameters.with_, context)
@@ -143,6 +147,14 @@ def use_merge(parameters: UseMergeParameters, context: Context) -> Merge:
         return _checked_result(made, sensor_type_of(sides["real"].reading))
 
     return merge
+
+
+OWN_STEPS = (
+    step(OWN_STEP, stage="transform", sensors=_ANY, parameters=UseParameters)(use),
+    step(OWN_STEP, stage="filter", sensors=_ANY, parameters=UseParameters)(use),
+    step(OWN_STEP, stage="merge", sensors=_ANY, parameters=UseMergeParameters)(use_merge),
+)
+"""The step `use` of each stage."""
 
 
 def _copied_side(work: AnyMasked) -> AnyMasked:

@@ -6,10 +6,19 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from recipes.model.registry import Context, SidedParameters, StepParameters, step
-from recipes.operations.audio import Filter, TimeLine, band_pass_kernel, low_pass
-from recipes.working import SIDES, AnyMasked, CannotMixError, Masked, Merge, Operator, Side, Sides
-from vehicles.readings import MicrophoneReading, samples_from_pressure
+from wil_campaign.recipes.model.registry import Context, SidedParameters, StepParameters, step
+from wil_campaign.recipes.operations.audio import Filter, TimeLine, band_pass_kernel, low_pass
+from wil_campaign.recipes.working import (
+    SIDES,
+    AnyMasked,
+    CannotMixError,
+    Masked,
+    Merge,
+    Operator,
+    Side,
+    Sides,
+)
+from wil_campaign.vehicles.readings import MicrophoneReading, samples_from_pressure
 
 Work = Masked[MicrophoneReading]
 

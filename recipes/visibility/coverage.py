@@ -5,7 +5,8 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from recipes.visibility.model import FrameVisibility, ObjectVisibility, Unit
+from wil_campaign.recipes.visibility.model import FrameVisibility, ObjectVisibility, Unit
+from wil_campaign.worlds.figures import distinct_text
 
 _SHARE_FRAMES = 5
 """Least number of measured frames for a share: with fewer, one frame at the edge of the image would
@@ -148,7 +149,9 @@ class Coverage:
         known.displaced_in_all += one.is_displaced
         if not one.is_displaced or not (known.displaced >= _IN_A_ROW or known.is_often_displaced):
             return None
-        off = f"{one.offset:.3g} {one.unit} from its place at {t_s:.3f} s"
+        digits = 0 if one.unit == "px" else 2
+        offset = distinct_text(one.offset, float(f"{one.limit:.3g}"), digits=digits)
+        off = f"{offset} {one.unit} from its place at {t_s:.3f} s"
         text = f"{self._shower} shows {one.name} {off}; the limit is {one.limit:.3g} {one.unit}"
         return VisibilityFault(t_s, text)
 

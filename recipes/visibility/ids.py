@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from recipes.visibility.images import ImagePair, compare_outlines
-from recipes.visibility.model import ExpectedImage, FrameVisibility, Ids, Mask, Virtual
+from wil_campaign.recipes.visibility.images import ImagePair, compare_outlines
+from wil_campaign.recipes.visibility.model import ExpectedImage, FrameVisibility, Ids, Mask, Virtual
 
 
 def compare_ids(

@@ -3,19 +3,26 @@
 A recipe that isolates objects leaves the other pixels of the real image exactly as they were, so
 that the changed pixels *are* the virtual objects as the autonomy sees them, whatever their colours.
 Where a recipe changes more than that (a blend, a replaced image), the expected image is searched in
-the mixture instead (`recipes.visibility.matching`).
+the mixture instead (`wil_campaign.recipes.visibility.matching`).
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recipes.visibility.matching import best_shift
-from recipes.visibility.model import ExpectedImage, FrameVisibility, Mask, ObjectVisibility, Virtual
-from vehicles.readings import BgrImage
+from wil_campaign.recipes.visibility.matching import best_shift
+from wil_campaign.recipes.visibility.model import (
+    ExpectedImage,
+    FrameVisibility,
+    Mask,
+    ObjectVisibility,
+    Virtual,
+)
+from wil_campaign.vehicles.readings import BgrImage
 
 Distances = NDArray[np.float32]
 
@@ -98,21 +105,22 @@ def compare_outlines(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> 
     within &= changed
     to_changed, _ = _distances(changed.astype(np.uint8))
     outline = _outline(changed)
+    shares = {one: _share_shown(changed, ids, nearest, one) for one in pair.virtual.names}
+    without = _expected_without(pair, [one for one, share in shares.items() if not _is_seen(share)])
     objects = []
     for object_id, name in pair.virtual.names.items():
         own = ids == object_id
         count = int(np.count_nonzero(own))
         in_view = int(np.count_nonzero(well_in == object_id)) >= IN_VIEW_SHARE * size
-        drawn = changed & (nearest == object_id)
-        shown = min(1.0, int(np.count_nonzero(drawn)) / count) if count else 0.0
-        is_shown = in_view and shown >= SHOWN_SHARE
+        shown = shares[object_id]
+        is_shown = in_view and _is_seen(shown)
         offset: float | None = None
         if is_shown:
             outer = _quantile(to_present[outline & (nearest == object_id)], _OUTER)
             inner = _quantile(to_changed[_outline(own)], _INNER)
             offset = max(outer, inner) * per_sample
         if offset is not None and _is_before_others(own, ids):
-            is_shown, offset = _find_object(pair, object_id, offset)
+            is_shown, offset = _find_object(without, object_id, offset)
         extent, limit = count / size, _limit_px(own, pair)
         seen = ObjectVisibility(name, in_view, extent, shown, is_shown, offset, limit, "px")
         objects.append(seen)
@@ -120,6 +128,32 @@ def compare_outlines(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> 
     away = int(np.count_nonzero(within & (to_present > reach))) / size
     is_unexpected = away >= IN_VIEW_SHARE and not any(one.in_view for one in objects)
     return FrameVisibility(pair.t_s, tuple(objects), share, away, is_unexpected)
+
+
+def _share_shown(
+    changed: Mask, ids: NDArray[np.uint8], nearest: NDArray[np.uint8], object_id: int
+) -> float:
+    """Return the shown share of an object's image: the changed area nearest to it."""
+    count = int(np.count_nonzero(ids == object_id))
+    drawn = int(np.count_nonzero(changed & (nearest == object_id)))
+    return min(1.0, drawn / count) if count else 0.0
+
+
+def _is_seen(share: float) -> bool:
+    """Return whether enough of an object's image is shown."""
+    return share >= SHOWN_SHARE
+
+
+def _expected_without(pair: ImagePair, missing: Iterable[int]) -> ImagePair:
+    """Return a pair of images whose expected one has the real world in place of missing objects.
+
+    An object is searched with what is expected around it: not with one behind it that is not shown.
+    """
+    there = np.isin(pair.expected.ids, list(missing))
+    if not there.any():
+        return pair
+    image = np.where(there[:, :, None], pair.real_bgr, pair.expected.image_bgr)
+    return replace(pair, expected=replace(pair.expected, image_bgr=image))
 
 
 def _is_before_others(own: Mask, ids: NDArray[np.uint8]) -> bool:

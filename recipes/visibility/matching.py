@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from recipes.visibility.model import Mask
-from vehicles.readings import BgrImage
+from wil_campaign.recipes.visibility.model import Mask
+from wil_campaign.vehicles.readings import BgrImage
 
 Gray = NDArray[np.float32]
 

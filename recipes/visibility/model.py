@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.readings import BgrImage
+from wil_campaign.vehicles.readings import BgrImage
 
 Mask = NDArray[np.bool_]
 Ids = NDArray[np.uint8]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from recipes.visibility.model import (
+from wil_campaign.recipes.visibility.model import (
     ExpectedRanges,
     FrameVisibility,
     Mask,
@@ -105,7 +105,7 @@ def compare_points(
 
 def nearest_m(points_m: NDArray[np.float64], cloud_m: NDArray[np.float32]) -> NDArray[np.float64]:
     """Return the distance of each point to the nearest point of a cloud, metres; both (n, 3)."""
-    from scipy.spatial import cKDTree  # noqa: PLC0415 - slow to import; only 3-D lidars need it
+    from scipy.spatial import cKDTree
 
     found: NDArray[np.float64] = cKDTree(cloud_m).query(points_m)[0]
     return found

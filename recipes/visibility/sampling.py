@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from worlds.camera import Intrinsics
+from wil_campaign.worlds.camera import Intrinsics
 
 _SAMPLES = 160
 """Largest number of compared columns of an image: outlines are accurate to a few pixels, for a

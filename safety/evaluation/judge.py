@@ -4,13 +4,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from safety.evidence.evidence import Evidence
-from safety.model.oracle_results import EvidenceResult, Flag, OracleResult
-from safety.model.samples import (
+from wil_campaign.safety.evidence.evidence import Evidence
+from wil_campaign.safety.model.oracle_results import EvidenceResult, Flag, OracleResult
+from wil_campaign.safety.model.samples import (
     DoubtSample,
     DropOutSample,
     FenceSample,
     GroundSpeedSample,
+    HeadingSample,
     LinkSample,
     PoseSample,
     ReferenceSample,
@@ -18,13 +19,14 @@ from safety.model.samples import (
     StageSample,
     StateSample,
 )
-from safety.model.verdict import GOAL_TIMEOUT, DecisiveEvent, source_of
-from safety.oracles import registry
-from safety.oracles.contact import ContactParameters
-from safety.oracles.goal import TimeLimit
-from safety.oracles.oracle import Oracle, OracleContext, OracleError, Parameters, Terms
-from safety.oracles.oracle_terms import FLIGHT
-from safety.oracles.vehicle_health import LandedOracle
+from wil_campaign.safety.model.verdict import GOAL_TIMEOUT, DecisiveEvent, source_of
+from wil_campaign.safety.oracles.contact import ContactParameters
+from wil_campaign.safety.oracles.goal import TimeLimit
+from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError, Parameters, Terms
+from wil_campaign.safety.oracles.oracle_terms import FLIGHT
+from wil_campaign.safety.oracles.registry import oracle_kinds
+from wil_campaign.safety.oracles.touchdown import TouchdownParameters
+from wil_campaign.safety.oracles.vehicle_health import LandedOracle
 
 S = TypeVar("S")
 Handler = Callable[[S], tuple[Flag, ...]]
@@ -32,7 +34,7 @@ Handler = Callable[[S], tuple[Flag, ...]]
 
 @dataclass(frozen=True, slots=True)
 class OracleUse:
-    """An oracle that the judge is to run: its name in results, its kind in the registry."""
+    """An oracle that the judge is to run: its name in results, its kind among `oracle_kinds`."""
 
     name: str
     kind: str
@@ -41,8 +43,10 @@ class OracleUse:
 
 COLLISION_ALWAYS = OracleUse("collision_always", "collision", ContactParameters())
 """A contact fails a run, whatever parameters its campaign gives to the oracle `collision`."""
+TOUCHDOWN_ALWAYS = OracleUse("touchdown_always", "touchdown", TouchdownParameters())
+"""A touchdown faster than the vehicle's profile allows fails a run that states no other limit."""
 _LANDED_ALWAYS = "landed_always"
-ALWAYS_JUDGED = (COLLISION_ALWAYS.name, _LANDED_ALWAYS)
+ALWAYS_JUDGED = (COLLISION_ALWAYS.name, TOUCHDOWN_ALWAYS.name, _LANDED_ALWAYS)
 """Oracles that a campaign has without naming them."""
 
 
@@ -55,10 +59,11 @@ def build_oracles(
     """Return the oracles of one run's judge; `contexts`: one per vehicle that flies in it.
 
     An oracle that names no vehicle judges the subject, and in mode wil also the twin, not required.
-    One that names a vehicle which does not fly in this mode is left out. Two are added: that a real
-    vehicle is on the ground and disarmed at the end; and, with collision_always, that the subject
-    touches nothing, unless the campaign itself uses a `collision` that judges as much. Objects that
-    any use names as `ground` are ground there too. Raises OracleError.
+    One that names a vehicle which does not fly in this mode is left out. Three are added: that a
+    real vehicle is on the ground and disarmed at the end; that the subject meets the ground no
+    faster than its profile says, unless a required `touchdown` judges that; and, with
+    collision_always, that it touches nothing, unless the campaign itself uses a `collision` that
+    judges as much. Objects that any use names as `ground` are ground there too. Raises OracleError.
     """
     oracles = [oracle for use in uses for oracle in _of_use(use, contexts)]
     if "real" in contexts and not any(_is_final(oracle) for oracle in oracles):
@@ -71,15 +76,18 @@ def build_oracles(
                 COLLISION_ALWAYS, parameters=ContactParameters(ground=ground_objects(uses))
             )
             oracles += _of_use(always, {vehicle: context})
+        has_limit = vehicle == context.subject and context.touchdown_m_s is not None
+        if has_limit and not any(_judges_landing(use, vehicle) for use in uses):
+            oracles += _of_use(TOUCHDOWN_ALWAYS, {vehicle: context})
     _require_unique(oracles)
     return tuple(oracles)
 
 
 def _of_use(use: OracleUse, contexts: Mapping[str, OracleContext]) -> Iterable[Oracle]:
     """Return the oracles of one use for the judge, one per vehicle or pair. Raises OracleError."""
-    spec = registry.get(use.kind)
+    spec = oracle_kinds().get(use.kind)
     if spec is None:
-        known = ", ".join(sorted(registry))
+        known = ", ".join(sorted(oracle_kinds()))
         raise OracleError(f"there is no oracle {use.kind!r}; there are {known}")
     needs_pair = spec.needs_pair(use.parameters)
     if needs_pair and len(contexts) < 2:
@@ -104,6 +112,12 @@ def _judges_every_contact(use: OracleUse, subject: str) -> bool:
         return False
     whole = given.from_ in {None, FLIGHT.first} and given.to in {None, FLIGHT.last, "end"}
     return given.required and given.vehicle in {None, subject} and whole and not given.exclude
+
+
+def _judges_landing(use: OracleUse, subject: str) -> bool:
+    """Return whether a use of an oracle judges how fast the subject meets the ground."""
+    given = use.parameters
+    return use.kind == "touchdown" and given.required and given.vehicle in {None, subject}
 
 
 def unjudged(uses: Iterable[OracleUse], *, collision_always: bool) -> tuple[str, ...]:
@@ -170,6 +184,17 @@ class Judge:
         limits = (one for one in self.oracles if isinstance(one, TimeLimit))
         return frozenset({GOAL_TIMEOUT, *(source_of(one.name, one.vehicle) for one in limits)})
 
+    @property
+    def worst_texts(self) -> Mapping[str, str]:
+        """Return the worst values of the judge's oracles, by the sources of their events."""
+        return {source_of(one.name, one.vehicle): one.worst_text for one in self.oracles}
+
+    @property
+    def landings(self) -> frozenset[str]:
+        """Return the sources of the judge's events that a vehicle was not landed at the end."""
+        ends = (one for one in self.oracles if isinstance(one, LandedOracle))
+        return frozenset(source_of(one.name, one.vehicle) for one in ends)
+
     def pose(self, sample: PoseSample) -> tuple[Flag, ...]:
         """Feed a pose to the judge; return new flags."""
         is_finite = self._evidence.pose(sample)
@@ -181,7 +206,9 @@ class Judge:
     def state(self, sample: StateSample) -> tuple[Flag, ...]:
         """Feed a vehicle's state to the judge; return new flags."""
         self._evidence.state(sample)
-        return self._feed_oracles(self._states.get(sample.vehicle, ()), sample)
+        flags = self._feed_oracles(self._states.get(sample.vehicle, ()), sample)
+        self._take_evidence()
+        return flags
 
     def received(self, sample: LinkSample) -> tuple[Flag, ...]:
         """Feed to the judge that a vehicle's link delivered something; return new flags."""
@@ -200,6 +227,15 @@ class Judge:
     def ground_speed(self, sample: GroundSpeedSample) -> None:
         """Feed another source's horizontal speed of a vehicle to the judge."""
         self._evidence.ground_speed(sample)
+        self._take_evidence()
+
+    def needs_heading(self, vehicle: str) -> bool:
+        """Return whether the judge compares the heading of a vehicle's estimate."""
+        return self._evidence.needs_heading(vehicle)
+
+    def heading(self, sample: HeadingSample) -> None:
+        """Feed a comparison of a vehicle's estimated heading to the judge."""
+        self._evidence.heading(sample)
         self._take_evidence()
 
     def report(self, sample: ReportSample) -> None:

@@ -7,10 +7,11 @@ without cameras three percent of its speed):
     ["wil/judged/2"]                                      the first row
     ["pose", t_s, vehicle, [n, e, d], [w, x, y, z], [vn, ve, vd]]
     ["state", t_s, vehicle, armed, mode, mode_name, landed, fault, battery_fraction, battery_v,
-     estimator_fault]; only t_s and vehicle when nothing else has changed
+     estimator_fault, dead_reckoning]; only t_s and vehicle when nothing else has changed
     ["heard", t_s, vehicle]
     ["reference", t_s, vehicle, source, [n, e, d], [vn, ve, vd], [w, x, y, z] or nil]
     ["ground speed", t_s, vehicle, source, speed_m_s, accuracy_m_s or nil]
+    ["heading", t_s, vehicle, source, turned_rad, accuracy_rad]
     ["report", t_s, vehicle, signal]                      a sample whose value is carried elsewhere
     ["doubt", t_s, vehicle, signal, source, reason]
     ["stage", t_s, stage, vehicle or nil]
@@ -18,7 +19,7 @@ without cameras three percent of its speed):
     ["actor", t_s, name, [n, e, d], [w, x, y, z], [vn, ve, vd]]   of an object that an actor flies
     ["tick", t_s]
     ["dropped out", t_s, vehicle]                         the flight continues without it
-    ["fence", t_s, vehicle, fence]                        as `safety.fence.fence_values` writes it
+    ["fence", t_s, vehicle, fence]                        as safety/fence/fence_values.py writes it
 """
 
 import dataclasses
@@ -28,13 +29,14 @@ from typing import Any, BinaryIO, get_args
 
 import msgpack  # type: ignore[import-untyped]  # ships no types
 
-from safety.evaluation.judge import Judge
-from safety.fence.fence_values import fence_of_plain, plain_fence
-from safety.model.samples import (
+from wil_campaign.safety.evaluation.judge import Judge
+from wil_campaign.safety.fence.fence_values import fence_of_plain, plain_fence
+from wil_campaign.safety.model.samples import (
     DoubtSample,
     DropOutSample,
     FenceSample,
     GroundSpeedSample,
+    HeadingSample,
     LinkSample,
     PoseSample,
     ReferenceSample,
@@ -43,9 +45,9 @@ from safety.model.samples import (
     StageSample,
     StateSample,
 )
-from vehicles.autopilots.autopilot import Mode
-from worlds.frames import Pose, Vec3
-from worlds.scene.track import RunHistory
+from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.worlds.frames import Pose, Vec3
+from wil_campaign.worlds.scene.track import RunHistory
 
 SCHEMA = "wil/judged/2"
 _LARGEST = 1 << 20
@@ -88,6 +90,7 @@ LoggedSample = (
     | LinkSample
     | ReferenceSample
     | GroundSpeedSample
+    | HeadingSample
     | ReportSample
     | DoubtSample
     | StageSample
@@ -101,6 +104,7 @@ LoggedSample = (
 _NAMES: dict[type[LoggedSample], str] = {
     ReferenceSample: "reference",
     GroundSpeedSample: "ground speed",
+    HeadingSample: "heading",
     ReportSample: "report",
     LinkSample: "heard",
     DoubtSample: "doubt",
@@ -137,7 +141,7 @@ class JudgeLogPacker:
                 return ("actor", t_s, name, pose.position_ned_m, pose.q_wxyz, velocity)
             case StateSample():
                 return self._state(sample)
-            case ReferenceSample() | GroundSpeedSample() | ReportSample():
+            case ReferenceSample() | GroundSpeedSample() | HeadingSample() | ReportSample():
                 return (_NAMES[type(sample)], *sample)
             case FenceSample(t_s, vehicle, fence):
                 return ("fence", t_s, vehicle, plain_fence(fence))
@@ -155,6 +159,7 @@ class JudgeLogPacker:
             sample.battery_fraction,
             sample.battery_v,
             sample.estimator_fault,
+            sample.dead_reckoning,
         )
         if fields == self._last_states.get(sample.vehicle):
             return head
@@ -233,6 +238,7 @@ _READERS: dict[str, Callable[..., LoggedSample]] = {
     "heard": LinkSample,
     "report": ReportSample,
     "ground speed": GroundSpeedSample,
+    "heading": HeadingSample,
     "reference": lambda t_s, vehicle, source, place, velocity, attitude=None: ReferenceSample(
         t_s, vehicle, source, tuple(place), tuple(velocity), attitude and tuple(attitude)
     ),
@@ -269,6 +275,8 @@ def judge_from_log(
                 judge.reference(sample)
             case GroundSpeedSample():
                 judge.ground_speed(sample)
+            case HeadingSample():
+                judge.heading(sample)
             case Tick(t_s):
                 judge.tick(t_s)
             case StageSample(t_s, stage):

@@ -5,8 +5,8 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from safety.model.samples import PoseSample, ReferenceSample
-from worlds.frames import Vec3, add, norm, scale, subtract
+from wil_campaign.safety.model.samples import PoseSample, ReferenceSample
+from wil_campaign.worlds.frames import Vec3, add, norm, scale, subtract
 
 SIGMAS = 5.0
 """The limit in standard deviations: two correct sources exceed it once in two million samples."""
@@ -249,10 +249,18 @@ class StandingStill:
         self._place, self._until_s = None, -math.inf
         self._forget()
 
-    def pose(self, sample: PoseSample) -> None:
-        """Add a judged pose."""
+    def pose(self, sample: PoseSample, *, may_stand: bool = False) -> None:
+        """Add a judged pose.
+
+        may_stand: at the height of the ground, in takeoff or landing. There an attitude that
+        changes is that of a vehicle which stands, in a source that is alive.
+        """
         place = self._place
         if place is None or place.pose.position_ned_m != sample.pose.position_ned_m:
+            is_new = True
+        else:
+            is_new = may_stand and place.pose.q_wxyz != sample.pose.q_wxyz
+        if is_new:
             self._place = sample
             self._forget()
         self._until_s = max(self._until_s, sample.t_s)

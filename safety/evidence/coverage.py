@@ -3,10 +3,10 @@
 import math
 from dataclasses import dataclass
 
-from safety.evidence.terms import SignalTerms
-from safety.model.oracle_results import EvidenceResult
-from safety.model.samples import StageSample
-from safety.oracles.oracle_terms import Stages
+from wil_campaign.safety.evidence.terms import SignalTerms
+from wil_campaign.safety.model.oracle_results import EvidenceResult
+from wil_campaign.safety.model.samples import StageSample
+from wil_campaign.safety.oracles.oracle_terms import Stages
 
 _PATIENCE_S = 0.5
 """How late samples may be before their absence counts: a delayed sample has its own time, and
@@ -35,6 +35,8 @@ class Coverage:
         self.terms = terms
         self.stages = Stages(terms.window)
         self.fault: Fault | None = None
+        self.caveat = ""
+        """What a PASS by this signal has to be read with."""
         self._newest_s = -math.inf
         self._first_s: float | None = None
         self._last_s: float | None = None
@@ -122,6 +124,7 @@ class Coverage:
             verdict="PASS" if self.fault is None else "INVALID",
             reason="" if self.fault is None else self.fault.reason,
             compared_with=self.compared_with,
+            caveat=self.caveat,
         )
 
     @property

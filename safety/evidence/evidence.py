@@ -2,16 +2,22 @@
 
 from collections.abc import Callable, Iterable, Mapping
 
-from safety.evidence.coverage import Coverage, Fault
-from safety.evidence.flown_coverage import FlownCoverage
-from safety.evidence.motion import AttitudeCoverage, VelocityCoverage
-from safety.evidence.poses import NOT_A_NUMBER, PoseCoverage, is_finite, is_finite_reference
-from safety.evidence.terms import SignalTerms
-from safety.model.oracle_results import EvidenceResult
-from safety.model.samples import (
+from wil_campaign.safety.evidence.coverage import Coverage, Fault
+from wil_campaign.safety.evidence.flown_coverage import FlownCoverage
+from wil_campaign.safety.evidence.motion import AttitudeCoverage, VelocityCoverage
+from wil_campaign.safety.evidence.poses import (
+    NOT_A_NUMBER,
+    PoseCoverage,
+    is_finite,
+    is_finite_reference,
+)
+from wil_campaign.safety.evidence.terms import SignalTerms
+from wil_campaign.safety.model.oracle_results import EvidenceResult
+from wil_campaign.safety.model.samples import (
     DoubtSample,
     DropOutSample,
     GroundSpeedSample,
+    HeadingSample,
     LinkSample,
     PoseSample,
     ReferenceSample,
@@ -19,7 +25,7 @@ from safety.model.samples import (
     StageSample,
     StateSample,
 )
-from safety.model.verdict import DecisiveEvent
+from wil_campaign.safety.model.verdict import DecisiveEvent
 
 POSE, VELOCITY, ATTITUDE = "pose", "velocity", "attitude"
 SOURCE = "evidence/"
@@ -84,6 +90,19 @@ class Evidence:
             known.ground_speed(sample)
             self._settle(key, known)
 
+    def needs_heading(self, vehicle: str) -> bool:
+        """Return whether a vehicle's pose is its own estimate, whose heading is evidence."""
+        known = self._signals.get((POSE, vehicle))
+        return known is not None and known.terms.by_estimate
+
+    def heading(self, sample: HeadingSample) -> None:
+        """Add a comparison of a vehicle's estimated heading to the evidence."""
+        key = (POSE, sample.vehicle)
+        known = self._signals.get(key)
+        if isinstance(known, PoseCoverage) and key not in self._ended:
+            known.heading(sample)
+            self._settle(key, known)
+
     def report(self, sample: ReportSample) -> None:
         """Add to the evidence that a sample of another signal has arrived."""
         key = (sample.signal, sample.vehicle)
@@ -92,9 +111,10 @@ class Evidence:
             self._settle(key, self._signals[key])
 
     def state(self, sample: StateSample) -> None:
-        """Add a vehicle's state to the evidence: whether it is in the air."""
-        for _, known in self._flown.get(sample.vehicle, ()):
+        """Add a vehicle's state to the evidence: whether it is in the air, what it has lost."""
+        for key, known in self._flown.get(sample.vehicle, ()):
             known.state(sample)
+            self._settle(key, known)
 
     def received(self, sample: LinkSample) -> None:
         """Add to the evidence that something arrived over a vehicle's link."""

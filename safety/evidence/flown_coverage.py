@@ -2,13 +2,15 @@
 
 from abc import abstractmethod
 
-from safety.evidence.coverage import Coverage
-from safety.evidence.terms import SignalTerms
-from safety.model.samples import PoseSample, ReferenceSample, StageSample, StateSample
-from worlds.frames import norm
+from wil_campaign.safety.evidence.coverage import Coverage
+from wil_campaign.safety.evidence.terms import SignalTerms
+from wil_campaign.safety.model.samples import PoseSample, ReferenceSample, StageSample, StateSample
+from wil_campaign.worlds.frames import norm
 
 _GRID_M = 0.022
 """Two steps of the grid of a simulator's ground truth: a smaller movement may repeat."""
+_LEVEL_M = 0.1
+"""By how much the height of a simulated vehicle at rest may differ from where it stood."""
 _STANDS_S = 3.0
 """The longest time after touchdown until an autopilot reports that the vehicle has landed."""
 
@@ -27,6 +29,7 @@ class FlownCoverage(Coverage):
         self._landed: bool | None = None
         self._value: tuple[float, ...] | None = None
         self._still_since_s: float | None = None
+        self._ground_down_m: float | None = None
 
     @property
     def in_the_air(self) -> bool:
@@ -55,6 +58,19 @@ class FlownCoverage(Coverage):
     def unrounded(self, value: tuple[float, ...], sample: PoseSample) -> tuple[float, ...]:
         """Return a value that no flying vehicle repeats: with the attitude if it is rounded."""
         return (*value, *sample.pose.q_wxyz) if self.terms.on_grid else value
+
+    def may_stand(self, sample: PoseSample) -> bool:
+        """Return whether a pose may be of a vehicle that stands: before takeoff, after landing.
+
+        An autopilot reports a takeoff before it leaves the ground, and its landing seconds after.
+        """
+        down_m, ground_m = sample.pose.position_ned_m[2], self._ground_down_m
+        if self._landed:
+            self._ground_down_m = down_m
+            return True
+        return (
+            self.stages.near_ground and ground_m is not None and abs(down_m - ground_m) <= _LEVEL_M
+        )
 
     def hold_against_last(self, value: tuple[float, ...], sample: PoseSample) -> None:
         """Find a fault if a value stays the same, to the last bit, for longer than allowed."""

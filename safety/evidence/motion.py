@@ -4,11 +4,11 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from safety.evidence.agreement import SIGMAS, Accuracy, Disagreement
-from safety.evidence.flown_coverage import FlownCoverage
-from safety.evidence.terms import SignalTerms
-from safety.model.samples import GroundSpeedSample, PoseSample, ReferenceSample
-from worlds.frames import Quat, Vec3, add, norm, rotate, scale, subtract
+from wil_campaign.safety.evidence.agreement import SIGMAS, Accuracy, Disagreement
+from wil_campaign.safety.evidence.flown_coverage import FlownCoverage
+from wil_campaign.safety.evidence.terms import SignalTerms
+from wil_campaign.safety.model.samples import GroundSpeedSample, PoseSample, ReferenceSample
+from wil_campaign.worlds.frames import Quat, Vec3, add, norm, rotate, scale, subtract
 
 _SPAN_S = 1.0
 _KEPT_S = 3.0

@@ -2,10 +2,22 @@
 
 import math
 
-from safety.evidence.agreement import Agreement, Disagreement, OwnVelocity, StandingStill
-from safety.evidence.flown_coverage import FlownCoverage
-from safety.evidence.terms import SignalTerms
-from safety.model.samples import PoseSample, ReferenceSample, StageSample
+from wil_campaign.safety.evidence.agreement import (
+    Agreement,
+    Disagreement,
+    OwnVelocity,
+    StandingStill,
+)
+from wil_campaign.safety.evidence.flown_coverage import FlownCoverage
+from wil_campaign.safety.evidence.heading import HeadingAgreement
+from wil_campaign.safety.evidence.terms import SignalTerms
+from wil_campaign.safety.model.samples import (
+    HeadingSample,
+    PoseSample,
+    ReferenceSample,
+    StageSample,
+    StateSample,
+)
 
 NOT_A_NUMBER = "it is not a number"
 
@@ -23,11 +35,18 @@ class PoseCoverage(FlownCoverage):
         states_velocity = terms.accuracy is not None and terms.accuracy.velocity_m_s is not None
         self._own_velocity = OwnVelocity() if states_velocity else None
         self._still = StandingStill() if terms.on_grid else None
+        self._heading = (
+            HeadingAgreement(terms.accuracy, terms.references)
+            if terms.by_estimate and terms.accuracy is not None
+            else None
+        )
 
     @property
     def compared_with(self) -> tuple[str, ...]:
-        """Return the other sources with which this vehicle's positions were compared."""
-        return tuple(name for name, one in self._agreements.items() if one.count)
+        """Return the other sources with which this vehicle's poses were compared."""
+        headings = {} if self._heading is None else self._heading.sources
+        places = {name: None for name, one in self._agreements.items() if one.count}
+        return tuple(places | headings)
 
     def stage(self, sample: StageSample) -> None:
         """Take a stage for the coverage of poses."""
@@ -41,6 +60,18 @@ class PoseCoverage(FlownCoverage):
             if self._still is not None:
                 self._still.restart()
 
+    def state(self, sample: StateSample) -> None:
+        """Take whether the vehicle reports to be in the air, and what it has lost of its place."""
+        super().state(sample)
+        if not (self.terms.by_estimate and self.stages.open and sample.dead_reckoning):
+            return
+        lost = sample.dead_reckoning
+        if not self.terms.permits_dead_reckoning:
+            self.find(sample.t_s, f"{lost} at {sample.t_s:.2f} s: dead reckoning from then on")
+            return
+        known = self.caveat.split("; ") if self.caveat else []
+        self.caveat = "; ".join(dict.fromkeys([*known, *lost.split("; ")]))
+
     def pose(self, sample: PoseSample) -> None:
         """Take a pose of the judged source."""
         if not is_finite(sample):
@@ -53,15 +84,24 @@ class PoseCoverage(FlownCoverage):
             self._disagree(self._own_velocity.pose(sample))
         self.hold_against_last(self.unrounded(sample.pose.position_ned_m, sample), sample)
         if self._still is not None:
-            self._still.pose(sample)
+            self._still.pose(sample, may_stand=self.may_stand(sample))
+        if self._heading is not None:
+            self._disagree(self._heading.pose(sample))
 
     def reference(self, sample: ReferenceSample) -> None:
         """Compare the poses with another source's position of the vehicle."""
+        if self._heading is not None:
+            self._heading.reference(sample)
         agreement = self._agreements.get(sample.source)
         if agreement is not None:
             self._disagree(agreement.reference(sample))
             if self._still is not None and self.in_the_air:
                 self._disagree(self._still.reference(sample))
+
+    def heading(self, sample: HeadingSample) -> None:
+        """Compare the heading by which the poses are anchored with another source's."""
+        if self._heading is not None:
+            self._disagree(self._heading.heading(sample))
 
     def _disagree(self, found: Disagreement | None) -> None:
         if found is not None and self.stages.open:

@@ -4,8 +4,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from safety.evidence.agreement import Accuracy
-from safety.oracles.oracle_terms import FLIGHT, Window
+from wil_campaign.safety.evidence.agreement import Accuracy
+from wil_campaign.safety.oracles.oracle_terms import FLIGHT, Window
 
 MOST_GAP_S = 0.5
 """The longest accepted gap between positions in flight, unless the campaign declares another."""
@@ -26,6 +26,8 @@ class SignalTerms:
     required: whether a required oracle depends on it; else its INVALID is only reported. over_link:
     it arrives over the vehicle's link, and is silent when the link is. on_grid: its positions and
     velocities are rounded, so that those of a hovering vehicle may repeat; attitudes are not.
+    by_estimate: it is the autopilot's own estimate, so that its heading is evidence too, and what
+    holds its position. permits_dead_reckoning: a position that nothing holds is a caveat only.
     accuracy: of the pose; references: accuracies of other sources by name, to compare with.
     """
 
@@ -36,6 +38,8 @@ class SignalTerms:
     required: bool
     over_link: bool = False
     on_grid: bool = False
+    by_estimate: bool = False
+    permits_dead_reckoning: bool = False
     window: Window = FLIGHT
     accuracy: Accuracy | None = None
     references: Mapping[str, Accuracy] = field(default_factory=dict)
@@ -53,5 +57,9 @@ def position_limit_s(rate_hz: float, *, judged_every_s: float = 0.0) -> float:
 
 
 def status_limit_s(rate_hz: float) -> float:
-    """Return the evidence terms' longest accepted gap between a vehicle's status reports."""
-    return max(GAP_PERIODS / rate_hz, SILENCE_S)
+    """Return the evidence terms' longest accepted gap between a vehicle's status reports.
+
+    Their times are those of their arrival: by half a period the link may delay the one that ends a
+    gap of two lost ones, and no gap of three is as short.
+    """
+    return max((GAP_PERIODS + 0.5) / rate_hz, SILENCE_S)

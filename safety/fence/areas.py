@@ -46,6 +46,10 @@ def require_finite(what: str, *values: float) -> None:
         raise FenceError("not_finite", f"{what}: {values} is not finite")
 
 
+_QUARTER = 32
+"""Corners of a quarter circle: the polygon in it is 0.03 % of the radius smaller."""
+_CIRCUMSCRIBED = 1.0 / math.cos(math.pi / (4 * _QUARTER))
+_NO_AREA_M2 = 1e-6
 _PLACE = re.compile(r"\[(\S+) (\S+)\]")
 """GEOS reports a place as in "Self-intersection[1.5 0]"."""
 
@@ -104,6 +108,33 @@ class Circle:
 Area = Polygon | Circle
 
 
+def common_areas(areas: Sequence[Area]) -> tuple[Area, ...]:
+    """Return what areas have in common; of circles an inscribed polygon. Raises FenceError.
+
+    An area within all others is returned as it is.
+    """
+    shapes = [_outline(area, 1.0) for area in areas]
+    for index, area in enumerate(areas):
+        around = _outline(area, _CIRCUMSCRIBED)
+        others = (*shapes[:index], *shapes[index + 1 :])
+        if all(shapely.covers(one, around) for one in others):
+            return (area,)
+    common = shapely.intersection_all(shapes)
+    rings = [part.exterior for part in _parts(common) if part.area > _NO_AREA_M2]
+    if not rings:
+        message = f"no place is inside all {len(areas)} inclusions, as both autopilots require"
+        raise FenceError("empty", message)
+    return tuple(Polygon(tuple((n, e) for n, e in list(ring.coords)[:-1])) for ring in rings)
+
+
+def _outline(area: Area, factor: float) -> Any:
+    """Return an area as a polygon of shapely; a circle with its corners at factor radii."""
+    if isinstance(area, Circle):
+        radius_m = area.radius_m * factor
+        return shapely.Point(*area.centre_m).buffer(radius_m, quad_segs=_QUARTER)
+    return shapely.Polygon(area.corners_m)
+
+
 class Region:
     """The union of polygon areas, with a fast exact signed distance to its edge."""
 
@@ -143,7 +174,8 @@ class Region:
 
 def _parts(shape: Any) -> Iterable[Any]:
     """Return the single polygons of a shapely area."""
-    return getattr(shape, "geoms", (shape,))
+    parts = getattr(shape, "geoms", (shape,))
+    return [part for part in parts if part.geom_type == "Polygon"]
 
 
 def _edges(coords: Iterable[Point2]) -> Iterable[tuple[float, float, float, float, float, float]]:

@@ -1,7 +1,7 @@
 """Whether a fence may take the place of another in flight; pure."""
 
-from safety.fence.geofence import Fence
-from safety.fence.stopping import Motion
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.fence.stopping import Motion
 
 
 def refusal_of_change(

@@ -1,19 +1,49 @@
-"""Reads fences from files of other programs: QGroundControl's .plan, and GeoJSON (RFC 7946).
+"""Reads fences from files of other programs: QGroundControl, Mission Planner, GeoJSON (RFC 7946).
 
 A plan's `geoFence` has polygons and circles, each for inclusion or exclusion, with corners
-[latitude, longitude]. GeoJSON has corners [longitude, latitude]; a polygon's holes are exclusions,
-a point with the property `radius_m` is a circle, and the property `inclusion: false` makes a
-feature an exclusion. Heights are not read: the campaign gives them as `up_m`.
+[latitude, longitude]; before QGroundControl 3.4 one polygon. Mission Planner's .waypoints have the
+items of MAVLink. Of several inclusions of these a vehicle has to be inside all, as in both
+autopilots (AC_PolyFence_loader::breached; Geofence::isInsidePolygonOrCircle of PX4 in 2026).
+GeoJSON has corners [longitude, latitude]; a polygon's holes are exclusions, a point with the
+property `radius_m` is a circle, and a feature is an exclusion by the property `inclusion: false`,
+or where another property or its name says so. Heights are not read: the campaign gives them as
+`up_m`.
 """
 
-from collections.abc import Callable, Iterator
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from safety.fence.areas import FenceError, Point2
-from safety.fence.geographic import DrawnFence, GeoArea, GeoCircle, GeoPolygon, require_place
-from worlds.files.documents import BadInput, Document, Path, Problem, check
+from wil_campaign.safety.fence.areas import FenceError, Point2
+from wil_campaign.safety.fence.geographic import (
+    DrawnFence,
+    GeoArea,
+    GeoCircle,
+    GeoPolygon,
+    require_place,
+)
+from wil_campaign.safety.fence.waypoint_files import (
+    ROWS,
+    Row,
+    is_waypoint_list,
+    rows_of,
+    waypoint_document,
+)
+from wil_campaign.vehicles.mavlink.fence_areas import CIRCLES, POLYGONS, RETURN_POINT
+from wil_campaign.worlds.files.documents import (
+    BadInput,
+    Document,
+    Path,
+    Problem,
+    check,
+    parse,
+    read_limited,
+)
 
 
 class _Foreign(BaseModel):
@@ -44,8 +74,11 @@ class _PlanCircle(_Foreign):
 
 
 class _GeoFence(_Foreign):
+    """The fence of a .plan file. polygon: the only inclusion, before QGroundControl 3.4."""
+
     polygons: list[_PlanPolygon] = Field(default_factory=list)
     circles: list[_PlanCircle] = Field(default_factory=list)
+    polygon: list[list[float]] = Field(default_factory=list)
 
 
 class _Plan(_Foreign):
@@ -63,13 +96,16 @@ class _Drawing:
         self._areas: dict[bool, list[GeoArea]] = {True: [], False: []}
         self.problems: list[Problem] = []
 
-    def fence(self) -> DrawnFence:
-        """Return the fence of the file's areas. Raises BadInput with every problem."""
+    def fence(self, *, all_of: bool = False) -> DrawnFence:
+        """Return the fence of the file's areas. Raises BadInput with every problem.
+
+        all_of: whether a vehicle has to be inside all inclusions.
+        """
         if not self.problems and not any(self._areas.values()):
             self.note((), "no fence is drawn in this file")
         if self.problems:
             raise BadInput(self.problems)
-        return DrawnFence(tuple(self._areas[True]), tuple(self._areas[False]))
+        return DrawnFence(tuple(self._areas[True]), tuple(self._areas[False]), all_of)
 
     def note(self, path: Path, message: str) -> None:
         """Note a problem with the value at a path of the fence file."""
@@ -118,13 +154,58 @@ class _Drawing:
             self.add(path, lambda: GeoCircle(centre, radius_m), inclusion=inclusion)
 
 
+def load_fence_file(path: FilePath, name: str) -> Document:
+    """Return the document of a fence file. name: what to call it in messages. Raises BadInput."""
+    document = parse_fence_file(read_limited(path, name), name=name)
+    return replace(document, path=path)
+
+
+def parse_fence_file(content: bytes, *, name: str) -> Document:
+    """Return the document in a fence file's bytes: YAML, JSON or a waypoint list.
+
+    Raises BadInput.
+    """
+    if is_waypoint_list(content):
+        return waypoint_document(content, name=name)
+    # JSON allows tabs between its tokens; the rest of it is YAML.
+    return parse(content.replace(b"\t", b" "), name=name)
+
+
+def is_fence_file(document: Document) -> bool:
+    """Return whether a document is a fence file of another program."""
+    others = document.get(("fileType",)) is not None or document.get((ROWS,)) is not None
+    return others or isinstance(document.get(("type",)), str)
+
+
+def fence_warnings(document: Document) -> Iterator[Problem]:
+    """Yield what a valid fence file means that its author may not expect."""
+    try:
+        drawn = read_fence_file(document)
+    except BadInput:
+        return
+    if drawn.is_common:
+        path: Path = ("geoFence",) if document.get(("geoFence",)) is not None else (ROWS,)
+        yield document.problem(
+            path,
+            f"has {len(drawn.inclusions)} inclusions: a vehicle has to be inside all of them, as "
+            "in both autopilots; draw one area, or `include` them in the campaign where any is "
+            "meant",
+            key=True,
+        )
+
+
 def read_fence_file(document: Document) -> DrawnFence:
     """Return the fence in a file (.plan, GeoJSON). Raises BadInput with every problem."""
     if document.get(("fileType",)) is not None:
         return _read_plan(document)
+    if document.get((ROWS,)) is not None:
+        return _read_waypoints(document)
     if isinstance(document.get(("type",)), str):
         return _read_geojson(document)
-    message = "is neither a QGroundControl plan (fileType: Plan) nor GeoJSON (type: ...)"
+    message = (
+        "is neither a QGroundControl plan (fileType: Plan), nor GeoJSON (type: ...), nor a "
+        "waypoint list (QGC WPL 110)"
+    )
     raise BadInput([document.problem((), message)])
 
 
@@ -139,7 +220,51 @@ def _read_plan(document: Document) -> DrawnFence:
         path = ("geoFence", "circles", index, "circle", "center")
         centre = drawing.place(path, each.circle.center, longitude_first=False)
         drawing.circle(path, centre, each.circle.radius, inclusion=each.inclusion)
-    return drawing.fence()
+    if plan.geoFence.polygon:
+        path = ("geoFence", "polygon")
+        drawing.polygon(path, plan.geoFence.polygon, inclusion=True, longitude_first=False)
+    return drawing.fence(all_of=True)
+
+
+def _read_waypoints(document: Document) -> DrawnFence:
+    """Return the fence in a waypoint list."""
+    drawing = _Drawing(document)
+    rows = list(rows_of(document))
+    at = 0
+    while at < len(rows):
+        at += _draw_items(drawing, rows[at:])
+    return drawing.fence(all_of=True)
+
+
+def _draw_items(drawing: _Drawing, rows: Sequence[Row | Path]) -> int:
+    """Add the area that a waypoint list's next rows are; return how many rows it has."""
+    first = rows[0]
+    if not isinstance(first, Row):
+        drawing.note(first, "a row of a waypoint list has 12 numbers")
+    elif first.command in POLYGONS:
+        return _draw_corners(drawing, first, rows)
+    elif first.command in CIRCLES:
+        centre = drawing.place(
+            first.path, [first.latitude_deg, first.longitude_deg], longitude_first=False
+        )
+        inclusion = CIRCLES[first.command]
+        drawing.circle(first.path, centre, first.first, inclusion=inclusion)
+    elif first.command != RETURN_POINT:
+        drawing.note((*first.path, 3), f"command {first.command} is no item of a fence")
+    return 1
+
+
+def _draw_corners(drawing: _Drawing, first: Row, rows: Sequence[Row | Path]) -> int:
+    """Add a polygon of a waypoint list, whose rows each state their count; return the count."""
+    count = max(1, int(first.first)) if math.isfinite(first.first) else 1
+    corners = [row for row in rows[:count] if isinstance(row, Row) and row.command == first.command]
+    if len(corners) != count:
+        message = f"a polygon of {first.first:g} corners begins here, and {len(corners)} follow"
+        drawing.note(first.path, message)
+        return len(rows)
+    given = [[row.latitude_deg, row.longitude_deg] for row in corners]
+    drawing.polygon(first.path, given, inclusion=POLYGONS[first.command], longitude_first=False)
+    return count
 
 
 _Position = Annotated[list[float], Field(min_length=2)]
@@ -147,10 +272,67 @@ _Ring = list[_Position]
 
 
 class _Properties(_Foreign):
-    """The properties of a GeoJSON feature in a fence file: inclusion, radius."""
+    """The properties of a GeoJSON feature in a fence file: inclusion, radius, and any others."""
 
-    inclusion: bool = True
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True, allow_inf_nan=False)
+
+    inclusion: bool | None = None
     radius_m: Annotated[float, Field(gt=0)] | None = None
+
+    def exclusion(self, names: Iterable[object] = ()) -> str:
+        """Return what makes the feature an exclusion, other than `inclusion`; "" for nothing.
+
+        names: of the feature, beside its properties.
+        """
+        for key, value in _leaves(self.model_extra or {}):
+            if _EXCLUDES.search(key):
+                says = not _is_false(value)
+            elif _INCLUDES.match(key):
+                says = _is_false(value)
+            else:
+                says = isinstance(value, str) and bool(_EXCLUDES.search(value[:_NAME]))
+            if says:
+                return f"{key}: {value}"[:_NAME]
+        named = (one for one in names if isinstance(one, str) and _EXCLUDES.search(one[:_NAME]))
+        return next(named, "")[:_NAME]
+
+    def doubt(self, names: Iterable[object] = ()) -> str:
+        """Return what of a feature without `inclusion` may mean either; "" for nothing."""
+        if self.inclusion is not None:
+            return ""
+        texts = (value for _, value in _leaves(self.model_extra or {}))
+        named = (one[:_NAME] for one in (*texts, *names) if isinstance(one, str))
+        return next((one for one in named if _DOUBTFUL.search(one)), "")
+
+
+_EXCLUDES = re.compile(
+    r"exclu[ds]|no[\s_-]*fl(?:y|ight)|keep[\s_-]*out|forbidden|prohibited|(?<![a-z])nfz(?![a-z])",
+    re.IGNORECASE,
+)
+_DOUBTFUL = re.compile(r"restrict|danger|hazard|obstacle|block(?:ed|ade)|avoid", re.IGNORECASE)
+"""Of an area that may be meant either way."""
+_INCLUDES = re.compile(r"(is[\s_-]*)?inclu[ds]", re.IGNORECASE)
+_NAME = 60
+"""Characters of a name; a longer text is prose."""
+
+
+def _leaves(properties: Mapping[str, object]) -> Iterator[tuple[str, object]]:
+    """Yield the single values of properties with their keys, those within others too."""
+    for key, value in properties.items():
+        if isinstance(value, dict):
+            yield from _leaves(value)
+        elif isinstance(value, list):
+            for one in value:
+                yield from _leaves(one if isinstance(one, dict) else {key: one})
+        else:
+            yield key, value
+
+
+def _is_false(value: object) -> bool:
+    """Return whether a property's value says no."""
+    if isinstance(value, str):
+        return value.strip().lower() in {"", "false", "no", "off", "0", "none"}
+    return not value
 
 
 class _PolygonGeometry(_Foreign):
@@ -189,6 +371,8 @@ class _Feature(_Foreign):
     """A GeoJSON feature in a fence file."""
 
     type: Literal["Feature"]
+    id: Any = None
+    name: Any = None
     properties: _Properties | None = None
     geometry: _Geometry
 
@@ -205,11 +389,21 @@ def _read_geojson(document: Document) -> DrawnFence:
     drawing = _Drawing(document)
     bare = _BARE.get(str(document.get(("type",))))
     if bare is not None:
-        _draw(drawing, ("coordinates",), check(document, bare), _Properties())
+        geometry = check(document, bare)
+        _draw(drawing, ("coordinates",), geometry, _Properties(), inclusion=True)
         return drawing.fence()
     for path, feature in _features(document):
         properties = feature.properties or _Properties()
-        _draw(drawing, (*path, "geometry", "coordinates"), feature.geometry, properties)
+        exclusion = properties.exclusion((feature.id, feature.name))
+        if exclusion and properties.inclusion:
+            message = f"inclusion is true, and '{exclusion}' says that it is an exclusion"
+            drawing.note((*path, "properties"), message)
+        if not exclusion and (doubt := properties.doubt((feature.id, feature.name))):
+            message = f"'{doubt}' may be an exclusion: give the property inclusion, true or false"
+            drawing.note((*path, "properties"), message)
+        inclusion = properties.inclusion is not False and not exclusion
+        coordinates = (*path, "geometry", "coordinates")
+        _draw(drawing, coordinates, feature.geometry, properties, inclusion=inclusion)
     return drawing.fence()
 
 
@@ -226,9 +420,10 @@ def _features(document: Document) -> Iterator[tuple[Path, _Feature]]:
         raise BadInput([document.problem(("type",), message)])
 
 
-def _draw(drawing: _Drawing, path: Path, geometry: Any, properties: _Properties) -> None:
+def _draw(
+    drawing: _Drawing, path: Path, geometry: Any, properties: _Properties, *, inclusion: bool
+) -> None:
     """Add a GeoJSON geometry of a fence file to the drawing."""
-    inclusion = properties.inclusion
     match geometry:
         case _PointGeometry(coordinates=centre):
             if properties.radius_m is None:

@@ -6,11 +6,17 @@ from typing import Annotated, ClassVar, Self, TypeVar
 
 from pydantic import Field, model_validator
 
-from safety.fence.areas import Area, Circle, FenceError, Polygon
-from safety.fence.geofence import Fence
-from safety.fence.geographic import DrawnFence, GeoArea, GeoCircle, GeoPolygon, require_place
-from worlds.files.documents import KeyFaultError, Part, Path
-from worlds.geodesy import LocalFrame
+from wil_campaign.safety.fence.areas import Area, Circle, FenceError, Polygon
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.fence.geographic import (
+    DrawnFence,
+    GeoArea,
+    GeoCircle,
+    GeoPolygon,
+    require_place,
+)
+from wil_campaign.worlds.files.documents import KeyFaultError, Part, Path
+from wil_campaign.worlds.geodesy import LocalFrame
 
 T = TypeVar("T")
 Range = tuple[float, float]
@@ -121,7 +127,8 @@ class AreaPart(Part):
 class FencePart(Part):
     """A `box`; or the areas of `include` and `file`, without those of `exclude`, within `up_m`.
 
-    file: a QGroundControl plan or GeoJSON beside the file that names it. up_m: limits [low, high]
+    file: a QGroundControl plan, a waypoint list with a fence, or GeoJSON, beside the file that
+    names it. up_m: limits [low, high]
     of the areas, up from the world's origin.
     """
 

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from safety.fence.areas import Area, Circle, Polygon
-from safety.fence.geofence import Fence
+from wil_campaign.safety.fence.areas import Area, Circle, Polygon
+from wil_campaign.safety.fence.geofence import Fence
 
 
 def plain_fence(fence: Fence) -> dict[str, Any]:

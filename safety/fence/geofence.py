@@ -10,9 +10,22 @@ from typing import Self
 
 import shapely
 
-from safety.fence.areas import Area, Circle, FenceError, Point2, Polygon, Region, require_finite
-from safety.fence.stopping import Motion, longest_path_m, stopping_path, velocities_ahead
-from worlds.frames import Vec3, lerp
+from wil_campaign.safety.fence.areas import (
+    Area,
+    Circle,
+    FenceError,
+    Point2,
+    Polygon,
+    Region,
+    require_finite,
+)
+from wil_campaign.safety.fence.stopping import (
+    Motion,
+    longest_path_m,
+    stopping_path,
+    velocities_ahead,
+)
+from wil_campaign.worlds.frames import Vec3, lerp
 
 __all__ = ["Area", "Breach", "Circle", "Fence", "FenceError", "Polygon"]
 
@@ -24,6 +37,11 @@ less than a centimetre away, or belongs to a velocity that no vehicle has."""
 MOST_CORNERS = 1000
 """Of a fence for the guard; neither autopilot takes as many."""
 _ROUNDING_M = 1e-6
+_NUDGE_M = 1e-4
+_COMPASS = (
+    *("north", "north-east", "east", "south-east"),
+    *("south", "south-west", "west", "north-west"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +49,8 @@ class Breach:
     """A breach of the geofence: which boundary is or will be crossed, and where.
 
     margin_m: signed distance to that boundary now (positive inside). predicted: the vehicle is
-    still inside, but cannot stop before `point_ned_m`. boundary: floor, ceiling, side.
+    still inside, but cannot stop before `point_ned_m`. boundary: floor, ceiling, "north side" and
+    the like, or "exclusion 2" by the order of the fence's exclusions.
     """
 
     margin_m: float
@@ -143,14 +162,30 @@ class Fence:
             point = self._first_point_outside(place, begin, keep_m)
             point = point or self._first_point_outside(begin, path.end_ned_m, keep_m)
             if point is not None:
-                boundary = self.boundary(point)
-                return Breach(self._boundary_margins_m(place)[boundary], True, point, boundary)
+                margin_m = self._boundary_margins_m(place)[self._nearest_kind(point)]
+                return Breach(margin_m, True, point, self.boundary(point))
         return None
 
     def boundary(self, position_ned_m: Vec3) -> str:
         """Return the name of the geofence boundary that is nearest, or exceeded most."""
+        kind = self._nearest_kind(position_ned_m)
+        return self._side(*position_ned_m[:2]) if kind == "side" else kind
+
+    def _nearest_kind(self, position_ned_m: Vec3) -> str:
+        """Return which kind of boundary of the geofence is nearest, or exceeded most."""
         margins_m = self._boundary_margins_m(position_ned_m)
         return min(margins_m, key=lambda name: margins_m[name])
+
+    def _side(self, north_m: float, east_m: float) -> str:
+        """Return the name of the geofence's nearest side: an exclusion, or where the side faces."""
+        margin_m = self._flat_margin_m(north_m, east_m)
+        for index, area in enumerate(self.exclusions, start=1):
+            part = area if isinstance(area, Circle) else Region([area])
+            if abs(part.distance_m(north_m, east_m) + margin_m) < _ROUNDING_M:
+                return "exclusion" if len(self.exclusions) == 1 else f"exclusion {index}"
+        north = margin_m - self._flat_margin_m(north_m + _NUDGE_M, east_m)
+        east = margin_m - self._flat_margin_m(north_m, east_m + _NUDGE_M)
+        return f"{_COMPASS[round(math.degrees(math.atan2(east, north)) / 45.0) % 8]} side"
 
     def _boundary_margins_m(self, position_ned_m: Vec3) -> dict[str, float]:
         """Return the signed distance to each of the geofence's boundaries, positive inside."""

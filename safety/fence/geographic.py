@@ -4,8 +4,16 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from safety.fence.areas import Area, Circle, FenceError, Point2, Polygon, require_finite
-from worlds.geodesy import SEMI_MAJOR_M, LocalFrame
+from wil_campaign.safety.fence.areas import (
+    Area,
+    Circle,
+    FenceError,
+    Point2,
+    Polygon,
+    common_areas,
+    require_finite,
+)
+from wil_campaign.worlds.geodesy import SEMI_MAJOR_M, LocalFrame
 
 FARTHEST_M = 100_000.0
 """How far from the world's origin an area may reach; there the Earth is 800 m below the plane."""
@@ -51,14 +59,27 @@ GeoArea = GeoPolygon | GeoCircle
 
 @dataclass(frozen=True, slots=True)
 class DrawnFence:
-    """The geographic areas of a fence that was drawn on a map."""
+    """The geographic areas of a fence that was drawn on a map.
+
+    all_of: whether a vehicle has to be inside all inclusions, as the autopilots take those of
+    their ground stations' files, and not in any of them.
+    """
 
     inclusions: tuple[GeoArea, ...] = ()
     exclusions: tuple[GeoArea, ...] = ()
+    all_of: bool = False
+
+    @property
+    def is_common(self) -> bool:
+        """Return whether what several inclusions have in common is the fence."""
+        return self.all_of and len(self.inclusions) > 1
 
     def local(self, frame: LocalFrame) -> tuple[tuple[Area, ...], tuple[Area, ...]]:
         """Return a map's inclusions and exclusions in a world's frame. Raises FenceError."""
-        return _all_to_local(frame, self.inclusions), _all_to_local(frame, self.exclusions)
+        inclusions = _all_to_local(frame, self.inclusions)
+        if self.is_common:
+            inclusions = common_areas(inclusions)
+        return inclusions, _all_to_local(frame, self.exclusions)
 
 
 def require_place(latitude_deg: float, longitude_deg: float) -> None:

@@ -8,10 +8,10 @@ from dataclasses import replace
 import shapely
 import shapely.affinity
 
-from safety.fence.areas import Circle
-from safety.fence.geofence import Area, Fence
-from vehicles.poses.anchor import Anchor
-from worlds.frames import Pose
+from wil_campaign.safety.fence.areas import Circle
+from wil_campaign.safety.fence.geofence import Area, Fence
+from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.worlds.frames import Pose
 
 _QUARTER = 16
 """Segments of a quarter circle; the polygon is drawn around the circle."""

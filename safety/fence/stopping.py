@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from worlds.frames import Vec3, add, norm, scale, subtract
+from wil_campaign.worlds.frames import Vec3, add, norm, scale, subtract
 
 __all__ = [
     "AccelerationEstimate",

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol, Self
 
-from safety.fence.geofence import Fence
-from safety.guard.core.contingency import Phase
-from safety.guard.core.events import GuardEvent
-from safety.guard.core.operator_command import OperatorCommand
-from safety.model.samples import PoseSample
-from vehicles.poses.anchor import Anchor
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.contingency import Phase
+from wil_campaign.safety.guard.core.events import GuardEvent
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.poses.anchor import Anchor
 
 
 class Guard(Protocol):

@@ -10,9 +10,9 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from typing import Self
 
-from safety.fence.geofence import Fence
-from safety.guard.core.contingency import ContingencyPlan, Phase
-from safety.guard.core.events import (
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.contingency import ContingencyPlan, Phase
+from wil_campaign.safety.guard.core.events import (
     GuardedVehicle,
     GuardEvent,
     GuardSettings,
@@ -21,15 +21,15 @@ from safety.guard.core.events import (
     ToVehicle,
     unrecorded,
 )
-from safety.guard.core.guard_core import GuardCore
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.waits import happens
-from safety.model.samples import PoseSample
-from vehicles.links.impaired import ImpairedLink
-from vehicles.links.link import Link, Receiver
-from vehicles.poses.anchor import Anchor
-from vehicles.tasks import FAULTS, Contained, report
-from worlds.frames import Vec3
+from wil_campaign.safety.guard.core.guard_core import GuardCore
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.waits import happens
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.links.impaired import ImpairedLink
+from wil_campaign.vehicles.links.link import Link, Receiver
+from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.vehicles.tasks import FAULTS, Contained, report
+from wil_campaign.worlds.frames import Vec3
 
 TICK_HZ = 20.0
 _LOGGED = (ToOrchestrator, ToVehicle)

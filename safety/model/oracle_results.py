@@ -38,7 +38,8 @@ class EvidenceResult:
     (None without any), and how many there are. largest_gap_s, gap_at_s: the longest time without a
     sample, and when that began. limit_s: the longest accepted gap. verdict: INVALID where the
     signal cannot show what happened; reason: why, and when. compared_with: the other sources with
-    which it was compared. Times are on the run clock.
+    which it was compared. caveat: what a PASS by this signal has to be read with. Times are on the
+    run clock.
     """
 
     signal: str
@@ -54,6 +55,7 @@ class EvidenceResult:
     verdict: Literal["PASS", "INVALID"]
     reason: str = ""
     compared_with: tuple[str, ...] = ()
+    caveat: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,9 +6,9 @@ Positions are NED metres in the world's local frame, whatever their source.
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from safety.fence.geofence import Fence
-from vehicles.autopilots.autopilot import Mode
-from worlds.frames import Pose, Quat, Vec3
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.worlds.frames import Pose, Quat, Vec3
 
 Stage = Literal["takeoff", "at_height", "goal", "done", "land", "landed", "end"]
 """Stages of a run: takeoff commanded, all at height, goal given (t0), autonomy done, landing
@@ -33,6 +33,7 @@ class StateSample:
 
     mode_name: the autopilot's own word. landed: None while unknown. fault: what is wrong with it
     in words, None while nothing is; estimator_fault: the same of its estimator alone.
+    dead_reckoning: what its estimator's position was held by at arming and is not now, in words.
     battery_fraction: 0 to 1, battery_v: volts; None when unknown.
     """
 
@@ -46,6 +47,7 @@ class StateSample:
     battery_fraction: float | None = None
     battery_v: float | None = None
     estimator_fault: str | None = None
+    dead_reckoning: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +83,20 @@ class GroundSpeedSample(NamedTuple):
     source: str
     speed_m_s: float
     accuracy_m_s: float | None
+
+
+class HeadingSample(NamedTuple):
+    """A sample of how far a vehicle's estimated heading is turned from another source's.
+
+    t_s: when it arrived. turned_rad: since its frame was anchored where the source knows rotations
+    alone, as gyroscopes do. accuracy_rad: of the source, one standard deviation.
+    """
+
+    t_s: float
+    vehicle: str
+    source: str
+    turned_rad: float
+    accuracy_rad: float
 
 
 class ReportSample(NamedTuple):

@@ -1,9 +1,10 @@
 """Values of a pose that oracles judge: pure functions, each named with its unit."""
 
 import math
+import re
 
-from safety.model.samples import PoseSample
-from worlds.frames import euler_from_quat
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.worlds.frames import euler_from_quat
 
 
 def north_m(sample: PoseSample) -> float:
@@ -60,3 +61,8 @@ def tilt_deg(sample: PoseSample) -> float:
     """Return the signal "tilt" of a pose: angle from the vertical, 0 to 180."""
     _, x, y, _ = sample.pose.q_wxyz
     return math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y)))))
+
+
+def distance_name(thing: str) -> str:
+    """Return the name of the signal of the distance to one object of the world."""
+    return f"distance_{re.sub('[^A-Za-z0-9_]', '_', thing)}_m"

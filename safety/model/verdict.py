@@ -2,15 +2,19 @@
 
 import math
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Literal
 
-from safety.model.oracle_results import OracleResult, Verdict
+from wil_campaign.safety.model.oracle_results import OracleResult, Verdict
+from wil_campaign.worlds.figures import distinct_text
 
 GOAL_TIMEOUT = "goal"
 """The source of the event that the autonomy was not done within the time of its goal."""
 
-PARTS = ("actor", "autonomy", "contact", "evidence", "guard", "operator", "sync", "video")
+PARTS = (
+    *("actor", "autonomy", "contact", "evidence", "guard", "machine", "operator", "sync", "video"),
+)
 """The words with which the sources of events begin that are of a part of a run, not of an oracle:
 "sync/twin", "guard.lost/real". No oracle may have such a name."""
 
@@ -67,6 +71,7 @@ def decide(
     end_s: float,
     completed: bool = True,
     timeouts: Collection[str] = (),
+    worst: Mapping[str, str] = MappingProxyType({}),
 ) -> Decision:
     """Return the verdict: the first decisive event wins, PASS only when there is none.
 
@@ -74,9 +79,10 @@ def decide(
     no event when its flag already is one. `completed`: the flight went from takeoff to the end of
     its landing; if not, it is an ERROR unless an event gives another reason. timeouts: the sources
     of events that only report that the time is up. The cause of those is what was not reached by
-    then: an oracle whose failure is known at the end only comes before them.
+    then: an oracle whose failure is known at the end only comes before them. worst: what the
+    worst value of an oracle was, by the source of its events: a flag has the first value alone.
     """
-    known = list(events)
+    known = [_with_worst(event, worst) for event in events]
     reported = {event.source for event in known if event.source}
     failed = [r for r in results if r.required and r.verdict != "PASS"]
     known += [_event_of(r, end_s) for r in failed if source_of(r.name, r.vehicle) not in reported]
@@ -89,9 +95,17 @@ def decide(
     losses = {event.source: event.t_s for event in known if event.source.startswith("guard.lost/")}
     ordered = sorted(known, key=lambda event: _rank(event, event.source in at_end, losses))
     if ordered[0].source in timeouts and (cause := _first_unreached(failed, timeouts)):
+        time_is_up = ordered[0].text
         ordered.sort(key=lambda event: event.source != cause)
+        ordered[0] = replace(ordered[0], text=f"{ordered[0].text}; {time_is_up}")
     first, *later = ordered
     return Decision(first.kind, first.text, tuple(later), first.source, first.note, first.trace)
+
+
+def _with_worst(event: DecisiveEvent, worst: Mapping[str, str]) -> DecisiveEvent:
+    """Return an event of an oracle with the worst value that followed."""
+    text = worst.get(event.source, "") if event.kind == "FAIL" else ""
+    return replace(event, text=f"{event.text}; {text}") if text else event
 
 
 def _first_unreached(failed: Iterable[OracleResult], timeouts: Collection[str]) -> str | None:
@@ -126,8 +140,19 @@ def _event_of(result: OracleResult, end_s: float) -> DecisiveEvent:
     if result.detail:
         text += f": {result.detail}"
     elif result.actual is not None:
-        text += f": {result.actual:.3f} {result.unit} against {_limit(result)} {result.unit}"
+        shown = distinct_text(result.actual, _exceeded(result), digits=3)
+        text += f": {shown} {result.unit} against {_limit(result)} {result.unit}"
     return DecisiveEvent(at_s, kind, text, source_of(result.name, result.vehicle))
+
+
+def _exceeded(result: OracleResult) -> float:
+    """Return the limit that an oracle's result exceeds; NaN without one."""
+    if not isinstance(result.limit, tuple):
+        return math.nan if result.limit is None else result.limit
+    low, high = result.limit
+    is_below = low is not None and result.actual is not None and result.actual < low
+    found = low if is_below or high is None else high
+    return math.nan if found is None else found
 
 
 def _limit(result: OracleResult) -> str:

@@ -1,25 +1,34 @@
 """Oracles of where the vehicle may be: geofence, an area of the campaign, altitude."""
 
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from safety.fence.areas import FenceError
-from safety.fence.fence_schema import FencePart
-from safety.fence.geofence import Fence
-from safety.model.samples import FenceSample, PoseSample
-from safety.oracles.limit_oracle import Band, LimitOracle, limit_of, margin_of
-from safety.oracles.oracle import (
+from wil_campaign.safety.fence.areas import FenceError
+from wil_campaign.safety.fence.fence_schema import FencePart
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.model.samples import FenceSample, PoseSample
+from wil_campaign.safety.oracles.limit_oracle import (
+    Band,
+    LimitOracle,
+    band_limits,
+    beside_limit,
+    limit_of,
+    margin_of,
+)
+from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Oracle,
     OracleContext,
     OracleError,
+    SignalLimit,
     Terms,
     Windowed,
     oracle,
 )
-from worlds.files.documents import KeyFaultError
+from wil_campaign.worlds.files.documents import Data, KeyFaultError
 
 
 class AltitudeParameters(Band):
@@ -80,6 +89,10 @@ class Geofence(LimitOracle):
             lambda: f"{self.vehicle} left {self._what} by its {fence.boundary(position_ned_m)}",
         )
 
+    def worst_figure(self, figure: str) -> str:
+        """Return how far outside a place was. figure: its margin as text, negative."""
+        return f"{figure.removeprefix('-')} m outside"
+
 
 class Altitude(LimitOracle):
     """The oracle of the altitude; the lower limit from at_height to the landing only."""
@@ -100,10 +113,28 @@ class Altitude(LimitOracle):
             return NO_FLAGS
         up_m = -sample.pose.position_ned_m[2]
         margin_m = margin_of(up_m, low_m, self._max_m)
-        return self.take(sample.t_s, up_m, margin_m, lambda: f"{self.vehicle} is {up_m:.2f} m high")
+        return self.take(
+            sample.t_s,
+            up_m,
+            margin_m,
+            lambda: (
+                f"{self.vehicle} is at a height of " + beside_limit(up_m, low_m, self._max_m, "m")
+            ),
+        )
 
 
-@oracle("geofence", "stays inside of its geofence", Windowed)
+def _limits_of_fence(part: Mapping[str, Data]) -> Iterator[SignalLimit]:
+    """Yield the limit of the margin to the fence: the vehicle is inside."""
+    del part
+    yield SignalLimit(signal="fence_margin_m", value=0.0, is_upper=False, in_the_air=True)
+
+
+@oracle(
+    "geofence",
+    "stays inside of its geofence",
+    Windowed,
+    limits=_limits_of_fence,
+)
 def geofence(terms: Terms, parameters: Windowed, context: OracleContext) -> Oracle:
     """Return the oracle of the fence's area. Raises OracleError when the campaign has none."""
     del parameters
@@ -124,7 +155,12 @@ def area(terms: Terms, parameters: AreaParameters, context: OracleContext) -> Or
     return Geofence(terms, fence=fence, what="its area", changes=False)
 
 
-@oracle("altitude", "stays between min_m and max_m over the world's origin", AltitudeParameters)
+@oracle(
+    "altitude",
+    "stays between min_m and max_m over the world's origin",
+    AltitudeParameters,
+    limits=lambda part: band_limits(part, "up_m"),
+)
 def altitude(terms: Terms, parameters: AltitudeParameters, context: OracleContext) -> Oracle:
     """Return the oracle of the altitude."""
     del context

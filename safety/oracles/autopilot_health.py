@@ -4,15 +4,23 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from safety.model.oracle_results import OracleResult
-from safety.model.samples import StageSample, StateSample
-from safety.oracles.limit_oracle import LimitOracle
-from safety.oracles.oracle import NO_FLAGS, Flags, Oracle, OracleContext, Terms, Windowed, oracle
-from safety.oracles.oracle_terms import ON_GOAL
-from worlds.files.documents import KeyFaultError
+from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.safety.model.samples import StageSample, StateSample
+from wil_campaign.safety.oracles.limit_oracle import LimitOracle, beside_limit
+from wil_campaign.safety.oracles.oracle import (
+    NO_FLAGS,
+    Flags,
+    Oracle,
+    OracleContext,
+    Terms,
+    Windowed,
+    oracle,
+)
+from wil_campaign.safety.oracles.oracle_terms import ON_GOAL
+from wil_campaign.worlds.files.documents import KeyFaultError
 
 ModeName = Literal["hold", "takeoff", "guided", "land", "rtl", "mission", "pilot", "other"]
-"""The values of `vehicles.autopilots.autopilot.Mode`."""
+"""The values of `wil_campaign.vehicles.autopilots.autopilot.Mode`."""
 
 
 class EstimatorParameters(Windowed):
@@ -163,7 +171,10 @@ class Battery(LimitOracle):
             sample.t_s,
             value,
             value - self._least,
-            lambda: f"{self.vehicle}: battery at {value:.3g} {unit}",
+            lambda: (
+                f"{self.vehicle}: battery at "
+                + beside_limit(value, self._least, None, unit, digits=1)
+            ),
         )
 
     def result(self, t_s: float) -> OracleResult:

@@ -2,13 +2,15 @@
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import Annotated
 
 from pydantic import Field
 
-from safety.model.oracle_results import OracleResult
-from safety.model.samples import PoseSample
-from safety.oracles.oracle import (
+from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.safety.model.samples import PoseSample, StateSample
+from wil_campaign.safety.oracles.limit_oracle import band_limits
+from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Oracle,
@@ -20,6 +22,7 @@ from safety.oracles.oracle import (
     Windowed,
     oracle,
 )
+from wil_campaign.worlds.figures import distinct_text
 
 CLEAR_AGAIN_M = 0.02
 """A contact is over when the clearance exceeds this, so that noise does not count it twice."""
@@ -75,7 +78,8 @@ class Clearance(Oracle):
 
     While the vehicle takes off (until at_height) and lands (from land on), the ground does not
     count: floors of rooms, and the objects that `ground` names. In between the ground is an
-    obstacle like any other. Clearance is clamped at 0, and 0 is contact.
+    obstacle like any other. Clearance is clamped at 0, and 0 is contact. over_ground: whether the
+    ground outside of rooms counts as well.
     """
 
     def __init__(
@@ -86,11 +90,14 @@ class Clearance(Oracle):
         min_m: float = 0.0,
         exclude: Iterable[str] = (),
         ground: Iterable[str] = (),
+        over_ground: bool = False,
     ) -> None:
         super().__init__(terms)
         if context.probe is None:
             raise OracleError(f"oracle {self.name!r} needs the world of {self.vehicle!r}")
         self._probe: Probe = context.probe.reaching(_reach_m(min_m))
+        if over_ground and context.ground_down_m is not None:
+            self._probe = self._probe.above(context.ground_down_m)
         self._events = context.events
         self._min_m = min_m
         self._exclude = frozenset(exclude)
@@ -98,6 +105,7 @@ class Clearance(Oracle):
         self._last: PoseSample | None = None
         self._seen = False
         self._worst: Separation | None = None
+        self._below_s: float | None = None
         self._near: set[tuple[str, bool]] = set()
         self._limits = Limits()
 
@@ -141,6 +149,15 @@ class Clearance(Oracle):
             detail=f"{word} {part_name(worst)}",
         )
 
+    @property
+    def worst_text(self) -> str:
+        """Return the least clearance where one below a limit was followed by less."""
+        worst = self._worst
+        is_later = worst is not None and self._below_s is not None and worst.at_s > self._below_s
+        if worst is None or not is_later or self._min_m == 0.0:
+            return ""
+        return f"at worst {distinct_text(worst.clearance_m, self._min_m, digits=3)} m"
+
     def _limits_kept(self, separation: Separation) -> bool:
         """Return whether a separation is no contact and within the clearance limit."""
         return separation.clearance_m > 0.0 and separation.clearance_m >= self._min_m
@@ -157,6 +174,7 @@ class Clearance(Oracle):
                 self._worst = separation
             if not self._limits_kept(separation):
                 if key not in self._near:
+                    self._below_s = self._below_s or separation.at_s
                     flags += self.flag(separation.at_s, self._text(separation))
                 still_near.add(key)
             elif key in self._near and separation.clearance_m <= self._min_m + CLEAR_AGAIN_M:
@@ -169,7 +187,9 @@ class Clearance(Oracle):
         part = part_name(separation)
         if separation.clearance_m <= 0.0:
             return f"{self.vehicle} touched {part}"
-        return f"{self.vehicle} came within {separation.clearance_m:.3f} m of {part}"
+        near_m = distinct_text(separation.clearance_m, self._min_m, digits=3)
+        limit = f"the limit is {self._min_m:g} m"
+        return f"{self.vehicle} came within {near_m} m of {part}; {limit}"
 
 
 def margin_beyond(result: OracleResult) -> float | None:
@@ -188,13 +208,62 @@ def _reach_m(min_m: float) -> float:
     return max(REACH_M, min_m + CLEAR_AGAIN_M)
 
 
+class Collision(Clearance):
+    """The oracle of contact with things, and with the ground between at_height and land.
+
+    The ground is touched by the judged poses, or by the vehicle's own report: an estimate may drift
+    while the vehicle stands.
+    """
+
+    def __init__(
+        self,
+        terms: Terms,
+        *,
+        context: OracleContext,
+        exclude: Iterable[str],
+        ground: Iterable[str],
+    ) -> None:
+        super().__init__(terms, context=context, exclude=exclude, ground=ground, over_ground=True)
+        self._is_airborne = False
+        self._reported_s: float | None = None
+
+    def on_state(self, sample: StateSample) -> Flags:
+        """Flag a vehicle that reports between at_height and land that it has come down."""
+        if self.stages.near_ground or not self.stages.open:
+            self._is_airborne = False
+        elif sample.landed is False:
+            self._is_airborne = True
+        elif sample.landed and self._is_airborne:
+            self._is_airborne = False
+            self._reported_s = self._reported_s or sample.t_s
+            return self.flag(sample.t_s, f"{self.vehicle} {_REPORTED}")
+        return NO_FLAGS
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return the least clearance as the actual value; 0 is contact."""
+        swept = super().result(t_s)
+        if self._reported_s is None or swept.verdict != "PASS":
+            return swept
+        return replace(
+            swept, verdict="FAIL", actual=0.0, margin=0.0, at_s=self._reported_s, detail=_REPORTED
+        )
+
+
+_REPORTED = "reported that it is on the ground before it was to land"
+
+
 @oracle("collision", "touches nothing of the judged world", ContactParameters)
 def collision(terms: Terms, parameters: ContactParameters, context: OracleContext) -> Oracle:
     """Return the oracle that fails on any contact."""
-    return Clearance(terms, context=context, exclude=parameters.exclude, ground=parameters.ground)
+    return Collision(terms, context=context, exclude=parameters.exclude, ground=parameters.ground)
 
 
-@oracle("clearance", "keeps at least min_m from everything", ClearanceParameters)
+@oracle(
+    "clearance",
+    "keeps at least min_m from everything",
+    ClearanceParameters,
+    limits=lambda part: band_limits(part, "clearance_m", high=""),
+)
 def clearance(terms: Terms, parameters: ClearanceParameters, context: OracleContext) -> Oracle:
     """Return the oracle that fails when the clearance (0 is contact) falls below a limit."""
     return Clearance(

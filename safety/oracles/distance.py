@@ -5,9 +5,15 @@ from typing import Annotated
 
 from pydantic import Field
 
-from safety.model.samples import PoseSample
-from safety.oracles.limit_oracle import Band, LimitOracle, limit_of
-from safety.oracles.oracle import (
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.safety.oracles.limit_oracle import (
+    Band,
+    LimitOracle,
+    band_limits,
+    beside_limit,
+    limit_of,
+)
+from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Oracle,
@@ -17,8 +23,8 @@ from safety.oracles.oracle import (
     Terms,
     oracle,
 )
-from safety.oracles.oracle_terms import IN_THE_AIR
-from worlds.files.documents import closest
+from wil_campaign.safety.oracles.oracle_terms import IN_THE_AIR
+from wil_campaign.worlds.files.documents import closest
 
 
 class DistanceParameters(Band):
@@ -67,8 +73,13 @@ class Distance(LimitOracle):
             at_s,
             distance_m,
             margin_m,
-            lambda: f"{self.vehicle} was {distance_m:.2f} m from {self._thing}",
+            lambda: f"{self.vehicle} was {self._text(distance_m)}",
         )
+
+    def _text(self, distance_m: float) -> str:
+        """Return a distance beyond its limit in words."""
+        figure, _, limit = beside_limit(distance_m, self._min_m, self._max_m, "m").partition("; ")
+        return f"{figure} from {self._thing}; {limit}"
 
     def _nearest(self, first: PoseSample, last: PoseSample) -> tuple[float, float]:
         """Return time and value of the least distance between two poses."""
@@ -82,10 +93,23 @@ class Distance(LimitOracle):
     "keeps its distance to an object between min_m and max_m",
     DistanceParameters,
     window=IN_THE_AIR,
+    objects=lambda given, _: (given.object,),
+    limits=lambda part: band_limits(part, f"distance to {part.get('object')}", in_the_air=False),
 )
 def distance(terms: Terms, parameters: DistanceParameters, context: OracleContext) -> Oracle:
     """Return the oracle of a distance. Raises OracleError when the object is not there."""
-    thing = parameters.object
+    return Distance(
+        terms,
+        thing=parameters.object,
+        probe=probe_of_object(terms, parameters.object, context),
+        events=context.events,
+        min_m=parameters.min_m,
+        max_m=parameters.max_m,
+    )
+
+
+def probe_of_object(terms: Terms, thing: str, context: OracleContext) -> Probe:
+    """Return a probe of one object for an oracle. Raises OracleError when it is not there."""
     if thing not in context.things or context.probe_of is None:
         known = ", ".join(context.things) or "none"
         raise OracleError(
@@ -94,11 +118,4 @@ def distance(terms: Terms, parameters: DistanceParameters, context: OracleContex
             key="object",
             suggestion=closest(thing, context.things),
         )
-    return Distance(
-        terms,
-        thing=thing,
-        probe=context.probe_of(thing),
-        events=context.events,
-        min_m=parameters.min_m,
-        max_m=parameters.max_m,
-    )
+    return context.probe_of(thing)

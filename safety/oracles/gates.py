@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 
-from worlds.frames import Vec3, rotate
-from worlds.scene.parts import Crossing, Opening
-from worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.frames import Vec3, rotate
+from wil_campaign.worlds.scene.parts import Crossing, Opening
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
 
 _CLOSE_M = 1e-6
 """Closer to the plane, depth is computed as a crossing is: both must agree on the side."""

@@ -2,9 +2,9 @@
 
 from pydantic import Field
 
-from safety.model.oracle_results import OracleResult
-from safety.model.samples import PoseSample, StageSample
-from safety.oracles.oracle import (
+from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.safety.model.samples import PoseSample, StageSample
+from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Oracle,
@@ -15,8 +15,8 @@ from safety.oracles.oracle import (
     Windowed,
     oracle,
 )
-from safety.oracles.oracle_terms import ON_GOAL, FirstStage, LastStage
-from worlds.frames import Vec3, norm, subtract
+from wil_campaign.safety.oracles.oracle_terms import ON_GOAL, FirstStage, LastStage
+from wil_campaign.worlds.frames import Vec3, norm, subtract
 
 
 class ReachedPositionParameters(Windowed):

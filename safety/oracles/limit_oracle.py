@@ -1,13 +1,21 @@
 """The base of oracles that judge a value against limits, and their parameters."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from typing import Self
 
 from pydantic import model_validator
 
-from safety.model.oracle_results import Limit, OracleResult
-from safety.oracles.oracle import NO_FLAGS, Flags, Oracle, Terms, Windowed
-from worlds.files.documents import KeyFaultError
+from wil_campaign.safety.model.oracle_results import Limit, OracleResult
+from wil_campaign.safety.oracles.oracle import (
+    NO_FLAGS,
+    Flags,
+    Oracle,
+    SignalLimit,
+    Terms,
+    Windowed,
+)
+from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.files.documents import Data, KeyFaultError
 
 
 class LimitOracle(Oracle):
@@ -22,13 +30,33 @@ class LimitOracle(Oracle):
         self._nothing = nothing
         self._worst: tuple[float, float, float] | None = None
         self._outside = False
+        self._left_s: float | None = None
 
     def take(self, t_s: float, actual: float, margin: float, text: Callable[[], str]) -> Flags:
         """Judge a value by its margin to the limit; `text` describes a violation."""
         if self._worst is None or margin < self._worst[0]:
             self._worst = (margin, actual, t_s)
         left, self._outside = margin < 0.0 and not self._outside, margin < 0.0
-        return self.flag(t_s, text()) if left else NO_FLAGS
+        if not left:
+            return NO_FLAGS
+        if self._left_s is None:
+            self._left_s = t_s
+        return self.flag(t_s, text())
+
+    @property
+    def worst_text(self) -> str:
+        """Return the value with the least margin, where it came after the first violation."""
+        if self._worst is None or self._left_s is None or self._worst[2] <= self._left_s:
+            return ""
+        margin, actual, _ = self._worst
+        # The limit is as far on one of both sides.
+        limits = (actual - margin, actual + margin)
+        figure = max((distinct_text(actual, limit) for limit in limits), key=len)
+        return f"at worst {self.worst_figure(figure)}"
+
+    def worst_figure(self, figure: str) -> str:
+        """Return a value that exceeds its limit in words. figure: the value as text."""
+        return f"{figure} {self._unit}"
 
     def result(self, t_s: float) -> OracleResult:
         """Return the oracle's value with the least margin to its limit."""
@@ -46,6 +74,16 @@ class LimitOracle(Oracle):
         )
 
 
+def beside_limit(
+    value: float, low: float | None, high: float | None, unit: str, *, digits: int = 2
+) -> str:
+    """Return a value that is beyond a limit, with the limit: "2.13 m/s; the limit is 2 m/s"."""
+    limit = high if high is not None and (low is None or value > high) else low
+    if limit is None:
+        return f"{value:.{digits}f} {unit}"
+    return f"{distinct_text(value, limit, digits=digits)} {unit}; the limit is {limit:g} {unit}"
+
+
 def margin_of(value: float, low: float | None, high: float | None) -> float:
     """Return the signed distance to the nearest of the given limits; one is given."""
     if high is None:
@@ -58,6 +96,32 @@ def limit_of(low: float | None, high: float | None) -> Limit:
     if low is None:
         return high
     return (low, high)
+
+
+def band_limits(
+    part: Mapping[str, Data],
+    signal: str,
+    *,
+    low: str = "min_m",
+    high: str = "max_m",
+    in_the_air: bool = True,
+) -> Iterator[SignalLimit]:
+    """Yield the limits of a signal in the parameters of a file, the upper one first.
+
+    low, high: their keys. in_the_air: whether the lower one does not hold at takeoff and landing.
+    """
+    high_value, low_value = _number(part, high), _number(part, low)
+    if high_value is not None:
+        yield SignalLimit(signal=signal, value=high_value, is_upper=True)
+    if low_value is not None:
+        yield SignalLimit(signal=signal, value=low_value, is_upper=False, in_the_air=in_the_air)
+
+
+def _number(part: Mapping[str, Data], key: str) -> float | None:
+    """Return a number in the parameters of a file; None for anything else."""
+    value = part.get(key)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(value) if is_number and isinstance(value, int | float) else None
 
 
 class Band(Windowed):

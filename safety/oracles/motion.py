@@ -1,14 +1,31 @@
 """Oracles of the vehicle's motion: speed and attitude."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from safety.model import signals
-from safety.model.samples import PoseSample
-from safety.oracles.limit_oracle import Band, LimitOracle, limit_of, margin_of
-from safety.oracles.oracle import NO_FLAGS, Flags, Oracle, OracleContext, Terms, Windowed, oracle
+from wil_campaign.safety.model import signals
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.safety.oracles.limit_oracle import (
+    Band,
+    LimitOracle,
+    band_limits,
+    beside_limit,
+    limit_of,
+    margin_of,
+)
+from wil_campaign.safety.oracles.oracle import (
+    NO_FLAGS,
+    Flags,
+    Oracle,
+    OracleContext,
+    SignalLimit,
+    Terms,
+    Windowed,
+    oracle,
+)
+from wil_campaign.worlds.files.documents import Data
 
 Axis = Literal["total", "horizontal", "vertical"]
 Angle = Annotated[float | None, Field(gt=0, le=180)]
@@ -17,6 +34,11 @@ _SPEEDS: dict[Axis, Callable[[PoseSample], float]] = {
     "total": signals.speed_m_s,
     "horizontal": signals.ground_speed_m_s,
     "vertical": signals.vertical_speed_m_s,
+}
+_SIGNALS = {
+    "total": "speed_m_s",
+    "horizontal": "ground_speed_m_s",
+    "vertical": "vertical_speed_m_s",
 }
 
 
@@ -70,7 +92,10 @@ class Speed(LimitOracle):
         speed_m_s = self._speed_m_s(sample)
         margin_m_s = margin_of(speed_m_s, low_m_s, self._max_m_s)
         return self.take(
-            sample.t_s, speed_m_s, margin_m_s, lambda: f"{self.vehicle} flew {speed_m_s:.2f} m/s"
+            sample.t_s,
+            speed_m_s,
+            margin_m_s,
+            lambda: f"{self.vehicle} flew {beside_limit(speed_m_s, low_m_s, self._max_m_s, 'm/s')}",
         )
 
 
@@ -100,11 +125,26 @@ class Attitude(LimitOracle):
             sample.t_s,
             angle_deg,
             margin_deg,
-            lambda: f"{self.vehicle} had a {what} of {angle_deg:.1f} deg",
+            lambda: (
+                f"{self.vehicle} had a {what} of "
+                + beside_limit(angle_deg, None, limit_deg, "deg", digits=1)
+            ),
         )
 
 
-@oracle("speed", "flies no faster than max_m_s and no slower than min_m_s", SpeedParameters)
+def _speed_limits(part: Mapping[str, Data]) -> Iterator[SignalLimit]:
+    """Yield the limits of the speed along the axis that a campaign names."""
+    signal = _SIGNALS.get(str(part.get("axis", "total")), "")
+    if signal:
+        yield from band_limits(part, signal, low="min_m_s", high="max_m_s")
+
+
+@oracle(
+    "speed",
+    "flies no faster than max_m_s and no slower than min_m_s",
+    SpeedParameters,
+    limits=_speed_limits,
+)
 def speed(terms: Terms, parameters: SpeedParameters, context: OracleContext) -> Oracle:
     """Return the oracle of the motion's speed."""
     del context

@@ -1,4 +1,4 @@
-"""The oracle interface and the registry.
+"""The oracle interface, and what an oracle says of itself to be found and shown.
 
 Oracles are pure and online: samples in the order of their times in, flags out, and at the end one
 result. They read no clock, so that judging a recording gives the results of judging the flight.
@@ -6,15 +6,35 @@ result. They read no clock, so that judging a recording gives the results of jud
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
-from safety.model.oracle_results import Flag, Limit, OracleResult
-from safety.model.samples import FenceSample, LinkSample, PoseSample, StageSample, StateSample
-from safety.oracles.oracle_context import Gate, OracleContext, Probe, RunMode, Separation
-from safety.oracles.oracle_terms import FLIGHT, Parameters, Stages, Terms, Window, Windowed
-from vehicles.driver.vehicle_state import ReportName
+from wil_campaign.safety.model.oracle_results import Flag, Limit, OracleResult
+from wil_campaign.safety.model.samples import (
+    FenceSample,
+    LinkSample,
+    PoseSample,
+    StageSample,
+    StateSample,
+)
+from wil_campaign.safety.oracles.oracle_context import (
+    Gate,
+    OracleContext,
+    Probe,
+    RunMode,
+    Separation,
+)
+from wil_campaign.safety.oracles.oracle_terms import (
+    FLIGHT,
+    Parameters,
+    Stages,
+    Terms,
+    Window,
+    Windowed,
+)
+from wil_campaign.vehicles.driver.vehicle_state import ReportName
+from wil_campaign.worlds.files.documents import Data
 
 __all__ = [
     "NO_FLAGS",
@@ -34,7 +54,6 @@ __all__ = [
     "Window",
     "Windowed",
     "oracle",
-    "registry",
 ]
 
 MotionName = Literal["velocity", "attitude"]
@@ -116,6 +135,11 @@ class Oracle(ABC):
     def result(self, t_s: float) -> OracleResult:
         """Return the oracle's result as of run time `t_s`."""
 
+    @property
+    def worst_text(self) -> str:
+        """Return the worst value for the reason of a FAIL; "" where its flag says it already."""
+        return ""
+
     def flag(self, t_s: float, text: str, *, decisive: bool = True) -> Flags:
         """Return a flag of this oracle."""
         return (Flag(t_s, self.name, self.vehicle, text, decisive),)
@@ -154,6 +178,38 @@ class Oracle(ABC):
         return replace(self.verdict(passed=False, at_s=at_s, detail=detail), verdict="INVALID")
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SignalLimit:
+    """A limit on one signal that an oracle holds, as reports draw it.
+
+    signal: its name. from_s, until_s: when it holds, from the opening of the oracle's window on;
+    None: to its end. in_the_air: it does not hold while the vehicle takes off or lands. text: the
+    condition, with which the detail of a failure begins.
+    """
+
+    signal: str
+    value: float
+    is_upper: bool
+    from_s: float = 0.0
+    until_s: float | None = None
+    in_the_air: bool = False
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class OwnKey:
+    """A parameter by which an oracle of the user's own name says its kind, in place of `use`.
+
+    noun: what its value is ("a formula"). summary: what JSON Schemas say of it.
+    """
+
+    key: str
+    noun: str
+    summary: str
+
+
+Objects = Callable[[Any, Collection[str]], Iterable[str]]
+Limits = Callable[[Mapping[str, Data]], Iterable[SignalLimit]]
 Factory = Callable[[Terms, Any, OracleContext], Oracle]
 """Builds an oracle from its terms, its parameters, and the context."""
 
@@ -164,7 +220,11 @@ class OracleSpec:
 
     pair_only: it compares two vehicles and is left out where only one flies; a function of the
     parameters if these decide. at_the_end: whether it fails is known at the end only. window,
-    fail_fast: the defaults where the campaign gives none.
+    fail_fast: the defaults where the campaign gives none. own_key: of its parameters. objects: of
+    the parameters and of the names of the world's objects: the objects that it names. limits: of
+    the parameters as a file has them, unchecked: the limits that it holds. without_world: of the
+    parameters: names of objects that the world would need, to check it without one; None where it
+    cannot be checked then. signals: by name the unit and the meaning of what it may name.
     """
 
     name: str
@@ -175,6 +235,11 @@ class OracleSpec:
     at_the_end: bool = False
     window: Window = FLIGHT
     fail_fast: bool = False
+    own_key: OwnKey | None = None
+    objects: Objects = lambda _, __: ()
+    limits: Limits = lambda _: ()
+    without_world: Callable[[Any], tuple[str, ...]] | None = None
+    signals: Callable[[], Mapping[str, tuple[str, str]]] = dict
 
     def needs_pair(self, parameters: Parameters) -> bool:
         """Return whether the oracle needs two vehicles."""
@@ -205,9 +270,6 @@ class OracleSpec:
         return self.factory(terms, parameters, context)
 
 
-registry: dict[str, OracleSpec] = {}
-
-
 def oracle(
     name: str,
     summary: str,
@@ -217,13 +279,16 @@ def oracle(
     at_the_end: bool = False,
     window: Window = FLIGHT,
     fail_fast: bool = False,
-) -> Callable[[Factory], Factory]:
-    """Register a factory of oracles under a name. Raises ValueError when the name is taken."""
+    own_key: OwnKey | None = None,
+    objects: Objects = lambda _, __: (),
+    limits: Limits = lambda _: (),
+    without_world: Callable[[Any], tuple[str, ...]] | None = None,
+    signals: Callable[[], Mapping[str, tuple[str, str]]] = dict,
+) -> Callable[[Factory], OracleSpec]:
+    """Return a decorator that makes a factory of oracles a kind of oracle (`OracleSpec`)."""
 
-    def register(factory: Factory) -> Factory:
-        if name in registry:
-            raise ValueError(f"oracle {name!r} is registered twice")
-        registry[name] = OracleSpec(
+    def make(factory: Factory) -> OracleSpec:
+        return OracleSpec(
             name=name,
             summary=summary,
             parameters=parameters,
@@ -232,7 +297,11 @@ def oracle(
             at_the_end=at_the_end,
             window=window,
             fail_fast=fail_fast,
+            own_key=own_key,
+            objects=objects,
+            limits=limits,
+            without_world=without_world,
+            signals=signals,
         )
-        return factory
 
-    return register
+    return make

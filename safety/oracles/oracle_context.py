@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
-from safety.fence.geofence import Fence
-from worlds.frames import Pose, Vec3
-from worlds.geodesy import LocalFrame
-from worlds.scene.parts import Crossing
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.worlds.frames import Pose, Vec3
+from wil_campaign.worlds.geodesy import LocalFrame
+from wil_campaign.worlds.scene.parts import Crossing
 
 RunMode = Literal["sim", "wil", "real"]
 
@@ -44,6 +44,9 @@ class Probe(Protocol):
 
     def reaching(self, distance_m: float, /) -> "Probe":
         """Return the probe for an oracle that needs objects up to a distance, in metres."""
+
+    def above(self, ground_down_m: float, /) -> "Probe":
+        """Return the probe with a level ground, a floor of the name `GROUND`, at a height (NED)."""
 
     def sweep(
         self,
@@ -84,11 +87,13 @@ class OracleContext:
 
     vehicle: the judged vehicle. body_half_m: half the sizes of its bounding box, forward, right
     and down from its centre; zeros for a point. probe: clearance to the world in which it is
-    judged (Wv in sim and wil, W in real). things: the names of the objects in that world;
+    judged (Wv in sim and wil, W in real). ground_down_m: the height (NED) of the ground beneath
+    what stands there; None where it is unknown. things: the names of the objects in that world;
     probe_of: returns a probe of one of them alone, without a limit of distance. gates: all
     openings of that world by name; route: those of the goal, in order. target_ned_m: a position
-    goal. fence: that of this vehicle. frame: where on Earth the world is. events: times of the
-    world's events; the run adds them as they happen.
+    goal. fence: that of this vehicle. touchdown_m_s: the fastest that it may sink as it lands, by
+    its profile; None without one. frame: where on Earth the world is. events: times of the world's
+    events; the run adds them as they happen.
     """
 
     mode: RunMode
@@ -97,6 +102,8 @@ class OracleContext:
     body_half_m: Vec3 = (0.0, 0.0, 0.0)
     start: Pose = field(default_factory=lambda: Pose((0.0, 0.0, 0.0)))
     probe: Probe | None = None
+    ground_down_m: float | None = None
+    touchdown_m_s: float | None = None
     things: tuple[str, ...] = ()
     probe_of: Callable[[str], Probe] | None = None
     gates: Mapping[str, Gate] = field(default_factory=dict)

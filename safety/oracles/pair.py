@@ -4,9 +4,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from safety.model.oracle_results import OracleResult
-from safety.model.samples import PoseSample
-from safety.oracles.oracle import (
+from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Oracle,
@@ -16,7 +16,8 @@ from safety.oracles.oracle import (
     Windowed,
     oracle,
 )
-from worlds.frames import Vec3, add, norm, scale, subtract
+from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.frames import Vec3, add, norm, scale, subtract
 
 
 class TwinDivergenceParameters(Windowed):
@@ -62,7 +63,9 @@ class TwinDivergence(Oracle):
         if self._flagged or self._max_m is None or distance_m <= self._max_m:
             return NO_FLAGS
         self._flagged = True
-        return self.flag(sample.t_s, f"real and twin are {distance_m:.2f} m apart")
+        apart = distinct_text(distance_m, self._max_m)
+        text = f"real and twin are {apart} m apart; the limit is {self._max_m:g} m"
+        return self.flag(sample.t_s, text)
 
     def result(self, t_s: float) -> OracleResult:
         """Return the largest distance of the pair."""

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from safety.model.samples import PoseSample
-from safety.oracles.oracle_context import Gate
-from worlds.frames import Vec3, add, norm, rotate
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.safety.oracles.oracle_context import Gate
+from wil_campaign.worlds.frames import Vec3, add, norm, rotate
 
 Side = Literal[1, -1]
 

@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from safety.model.oracle_results import OracleResult
-from safety.model.samples import PoseSample
-from safety.oracles.oracle import (
+from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Gate,
@@ -19,9 +19,9 @@ from safety.oracles.oracle import (
     Windowed,
     oracle,
 )
-from safety.oracles.oracle_terms import ON_GOAL
-from safety.oracles.passages import Body, Dip, Passage, PassageDetector
-from worlds.frames import Vec3
+from wil_campaign.safety.oracles.oracle_terms import ON_GOAL
+from wil_campaign.safety.oracles.passages import Body, Dip, Passage, PassageDetector
+from wil_campaign.worlds.frames import Vec3
 
 Direction = Literal["away", "along", "against", "either"]
 """away: from the side where the vehicle was before; along: the x axis of the gate's object."""
@@ -195,6 +195,7 @@ _MOST_NOTES = 3
     ReachedParameters,
     window=ON_GOAL,
     at_the_end=True,
+    objects=lambda given, _: given.gates or (),
 )
 def reached(terms: Terms, parameters: ReachedParameters, context: OracleContext) -> Oracle:
     """Return the oracle of reached gates. Raises OracleError when one is not in the world."""

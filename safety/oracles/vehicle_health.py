@@ -2,9 +2,9 @@
 
 from pydantic import Field
 
-from safety.model.oracle_results import OracleResult
-from safety.model.samples import LinkSample, StageSample, StateSample
-from safety.oracles.oracle import (
+from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.safety.model.samples import LinkSample, StageSample, StateSample
+from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
     Oracle,
@@ -14,6 +14,7 @@ from safety.oracles.oracle import (
     Windowed,
     oracle,
 )
+from wil_campaign.worlds.figures import distinct_text
 
 
 class LinkParameters(Windowed):
@@ -91,7 +92,8 @@ class LinkOracle(Oracle):
             self._worst = (gap_s, sample.t_s)
         if gap_s <= self._max_gap_s:
             return NO_FLAGS
-        text = f"{self.vehicle} was silent for {gap_s:.1f} s, more than {self._max_gap_s:g} s"
+        silent = distinct_text(gap_s, self._max_gap_s, digits=1)
+        text = f"{self.vehicle} was silent for {silent} s, more than {self._max_gap_s:g} s"
         return self.flag(sample.t_s, text)
 
     def result(self, t_s: float) -> OracleResult:

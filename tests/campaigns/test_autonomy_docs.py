@@ -7,23 +7,23 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-import campaigns.api
-from campaigns.api import CameraReading, Command, Intrinsics, Pose, Telemetry, VelocitySetpoint
-from campaigns.schema import AutonomyPart
-from campaigns.values.autonomy_limits import AutonomyLimits
-from orchestrator.run.perception import autonomy_calls
+import wil_campaign.api
 from tests.test_house import ROOT
+from wil_campaign.api import CameraReading, Command, Intrinsics, Pose, Telemetry, VelocitySetpoint
+from wil_campaign.campaigns.schema import AutonomyPart
+from wil_campaign.campaigns.values.autonomy_limits import AutonomyLimits
+from wil_campaign.orchestrator.run.perception import autonomy_calls
 
 PAGE = (ROOT / "docs" / "autonomy.md").read_text("utf-8")
 (CODE,) = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 LENS = Intrinsics.from_fov(320, 240, math.radians(69.0))
 
 
-def built(**parameters: object) -> campaigns.api.Autonomy:
+def built(**parameters: object) -> wil_campaign.api.Autonomy:
     module = ModuleType("my_autonomy")
     exec(compile(CODE, "docs/autonomy.md", "exec"), vars(module))  # noqa: S102 - our own page
     made = module.TowardsOrange(goal={"altitude_m": 1.2}, parameters=parameters, seed=1)
-    assert isinstance(made, campaigns.api.Autonomy)
+    assert isinstance(made, wil_campaign.api.Autonomy)
     return made
 
 
@@ -78,6 +78,6 @@ def vars_of(constraint: object) -> dict[str, float]:
 
 
 def test_every_kind_of_reading_stands_on_the_page() -> None:
-    kinds = [name for name in campaigns.api.__all__ if name.endswith("Reading")]
+    kinds = [name for name in wil_campaign.api.__all__ if name.endswith("Reading")]
     missing = [name for name in kinds if not re.search(rf"\b{name}\b", PAGE)]
-    assert missing == [], "docs/autonomy.md names each reading of campaigns.api"
+    assert missing == [], "docs/autonomy.md names each reading of wil_campaign.api"

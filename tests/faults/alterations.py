@@ -16,9 +16,9 @@ from tests.faults.relay import (
     Position,
     with_flags,
 )
-from vehicles.mavlink.framing import Frame, with_payload
-from vehicles.readings import PoseReading
-from worlds.frames import Pose, Vec3, add
+from wil_campaign.vehicles.mavlink.framing import Frame, with_payload
+from wil_campaign.vehicles.readings import PoseReading
+from wil_campaign.worlds.frames import Pose, Vec3, add
 
 Kind = Literal["stop", "freeze", "delay", "bias", "jump", "nan", "duplicate", "clock step"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -76,9 +76,12 @@ POSSIBLE: Mapping[str, tuple[Kind, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Alteration:
-    """A kind of fault; offset_m: of a bias or jump; step_s: of a delay or a clock, signed."""
+    """A kind of fault: a Kind, or one of the field's (`field_faults.POSSIBLE`).
 
-    kind: Kind
+    offset_m: of a bias or jump; step_s: of a delay or a clock, signed.
+    """
+
+    kind: str
     offset_m: Vec3
     step_s: float
 

@@ -20,11 +20,12 @@ import numpy as np
 from tests.faults import hostile
 from tests.faults.inspection import processes_of, vehicle_ports
 from tests.faults.real_draws import RealFault
-from tests.orchestrator.external.test_external_flights import FLY, drawn_by, sets, simulator
-from tests.orchestrator.operator.mosquitto import MOSQUITTO
+from tests.orchestrator.external.test_external_flights import drawn_by, sets, simulator
 from tests.orchestrator.wall_runs import ROOT, Program
+from tests.plugins.mqtt.mosquitto import MOSQUITTO
+from tests.plugins.programs.test_program_flights import FLY
 from tests.ports import free_port
-from vehicles.processes.identity import ProcessId
+from wil_campaign.vehicles.processes.identity import ProcessId
 
 _HOSTILE_S = 4.0
 _JUMP_S = 86400.0

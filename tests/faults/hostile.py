@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.mavlink.codec import Codec
-from vehicles.mavlink.framing import checksum
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.framing import checksum
 
 BURST_HZ = 50.0
 _FLOOD_FRAMES = 60

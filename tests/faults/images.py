@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.run.perception.sensor_factory import SensorFactory
 from tests.faults.alterations import Alteration
-from vehicles.cameras.rendered_cameras import ImageSource, NoImageError, RenderedImage
-from vehicles.readings import BgrImage, DepthImage, IdImage
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
+from wil_campaign.orchestrator.run.perception.sensor_factory import SensorFactory
+from wil_campaign.vehicles.cameras.rendered_cameras import ImageSource, NoImageError, RenderedImage
+from wil_campaign.vehicles.readings import BgrImage, DepthImage, IdImage
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 _JUMPS_IMAGES = 10
 _SHIFT_OF_WIDTH = 0.25

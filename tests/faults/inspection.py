@@ -9,9 +9,9 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from tests.faults.witness import Sight
-from vehicles.processes.identity import ProcessId
+from wil_campaign.vehicles.processes.identity import ProcessId
 
-_TELLERS = ("vehicles.processes.supervisor", "orchestrator.cli")
+_TELLERS = ("wil_campaign.vehicles.processes.supervisor", "wil_campaign.orchestrator.cli")
 """Whose command lines name the program too."""
 
 
@@ -65,9 +65,9 @@ def roles(program: int, runtime: Path) -> dict[str, ProcessId]:
     """Return the processes of a flight by what they are; program: the orchestrator's id."""
     found = {"orchestrator": program}
     for pid, (parent, words) in processes_of(runtime).items():
-        if "safety.guard.process" in words:
+        if "wil_campaign.safety.guard.process" in words:
             found["guard"] = pid
-        elif "vehicles.embedded" in words:
+        elif "wil_campaign.vehicles.embedded" in words:
             found[vehicle_of(words)] = pid
         elif "multiprocessing.forkserver" in words and parent != program:
             found["flight"] = pid  # what the run server, the program's child, has forked
@@ -85,7 +85,7 @@ def vehicle_ports(runtime: Path) -> dict[str, int]:
     """Return the guard's UDP port of each embedded vehicle."""
     found = {}
     for _, words in processes_of(runtime).values():
-        if "vehicles.embedded" in words:
+        if "wil_campaign.vehicles.embedded" in words:
             settings = json.loads(words[words.index("{") :])
             found[vehicle_of(words)] = int(settings["link"].rpartition(":")[2])
     return found

@@ -1,5 +1,7 @@
 """Flights that must fail, each for a cause that is known, whatever telemetry says meanwhile.
 
+One is sound, cause "none": it fails by what is done to it alone.
+
 The autonomy flies legs by time alone: no fault of a signal leads the vehicle aside of its cause.
 """
 
@@ -10,7 +12,7 @@ from typing import Any, Literal, get_args
 
 import yaml
 
-from vehicles.embedded.profile import load_profile
+from wil_campaign.vehicles.embedded.profile import load_profile
 
 Cause = Literal[
     "wall",
@@ -28,15 +30,16 @@ Cause = Literal[
     "estimator",
     "separation",
     "formula",
+    "none",
 ]
-CAUSES: tuple[Cause, ...] = get_args(Cause)
+CAUSES: tuple[Cause, ...] = get_args(Cause)[:-1]
 Mode = Literal["sim", "wil"]
 AutopilotKind = Literal["px4", "ardupilot"]
 JudgedBy = Literal["mavlink", "mocap", "simulator"]
 
 LEGS = """\
-from vehicles.autonomy import Command
-from vehicles.setpoints import VelocitySetpoint
+from wil_campaign.vehicles.autonomy import Command
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 
 class Legs:
@@ -159,8 +162,13 @@ MISSIONS: dict[Cause, Mission] = {
         {"stl": {"stl": "always (distance_wall_m >= 8 or ground_speed_m_s <= 1)"}},
         legs=_FAST,
     ),
+    "none": Mission(
+        "",
+        _FAR,
+        {"geofence": {"box": {"north_m": [-2, 9], "east_m": [-1.5, 1.5], "up_m": [-1, 4]}}},
+        {"geofence": {}},
+    ),
 }
-
 
 _WIDE_BAR = Mission(
     "touched gate",

@@ -5,10 +5,16 @@ from collections.abc import Callable
 from contextvars import Context
 from typing import Any, TypeVarTuple
 
-from orchestrator.model.clock import VirtualLoop
+from wil_campaign.orchestrator.model.clock import VirtualLoop
 
 _Ts = TypeVarTuple("_Ts")
-_SPARED = ("asyncio", "safety.guard", "tests.faults", "vehicles.embedded", "vehicles.links")
+_SPARED = (
+    "asyncio",
+    "wil_campaign.safety.guard",
+    "tests.faults",
+    "wil_campaign.vehicles.embedded",
+    "wil_campaign.vehicles.links",
+)
 """Of a killed orchestrator: what belongs to the guard, the vehicles, their links, and to us."""
 
 _Call = tuple[float, Callable[..., object], tuple[Any, ...]]

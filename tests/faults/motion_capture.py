@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from orchestrator.run.vehicles.pair import Pair
-from orchestrator.state.run_state import RunState, Stage
-from vehicles.readings import PoseReading
+from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.vehicles.readings import PoseReading
 
 Alter = Callable[[PoseReading], Iterable[PoseReading]]
 """Returns what is delivered in a reading's place."""

@@ -14,15 +14,15 @@ from itertools import count, islice
 from pathlib import Path
 from typing import Any
 
-from orchestrator.run.judging import run_oracles
-from safety.evaluation import judge
-from safety.evidence import agreement, coverage, evidence, poses
-from safety.model.samples import PoseSample
-from safety.oracles import contact, reached
-from safety.oracles.passages import Passage
 from tests.faults.alterations import Alteration, Kind
 from tests.faults.missions import Cause
 from tests.faults.signals import SignalFault, draw, inject
+from wil_campaign.orchestrator.run.judging import run_oracles
+from wil_campaign.safety.evaluation import judge
+from wil_campaign.safety.evidence import agreement, coverage, evidence, poses
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.safety.oracles import contact, reached
+from wil_campaign.safety.oracles.passages import Passage
 
 _TRIED = 12
 """Flights for each mutant at most."""

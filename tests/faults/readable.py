@@ -5,8 +5,8 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from orchestrator.model.results_reader import read_result
-from orchestrator.recording.mcap_reader import Recording
+from wil_campaign.orchestrator.model.results_reader import read_result
+from wil_campaign.orchestrator.recording.mcap_reader import Recording
 
 
 def unreadable(folder: Path) -> list[str]:

@@ -8,9 +8,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.run.vehicles.pair import Pair
-from orchestrator.state.run_state import RunState, Stage
-from vehicles.mavlink.framing import Frame, FrameSplitter, with_payload
+from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter, with_payload
 
 LOCAL_POSITION_NED: int = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
 ESTIMATOR_REPORTS: tuple[int, ...] = (

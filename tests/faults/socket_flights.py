@@ -20,14 +20,15 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.state.run_state import Stage
 from tests.faults.alterations import (
     MESSAGES,
     POSSIBLE,
     reading_change,
     signal_change,
 )
-from tests.faults.missions import mission_of, write_mission, write_profile
+from tests.faults.field_faults import BOARD, draw_field
+from tests.faults.ground_station import SENDS, TAKES_OVER, messages
+from tests.faults.missions import CAUSES, mission_of, write_mission, write_profile
 from tests.faults.relay import ESTIMATOR_REPORTS, without_position
 from tests.faults.signals import (
     JUDGED_BESIDE,
@@ -37,13 +38,16 @@ from tests.faults.signals import (
     draw,
     shown_by_none,
 )
-from tests.faults.socket_relay import CaptureRelay, MavlinkRelay, PictureRelay
+from tests.faults.socket_relay import CaptureRelay, MavlinkRelay, PictureRelay, Receiver
+from tests.faults.wire_changes import OTHERS, WireFault
 from tests.orchestrator.wall_runs import ROOT, stages
 from tests.ports import free_port
 from tests.vehicles.embedded.running_vehicle import running_vehicle
-from vehicles.autopilots.failsafes import SILENCE_PARAMETERS
-from vehicles.embedded.process.process_settings import ProcessSettings
-from vehicles.mavlink.framing import Frame
+from wil_campaign.orchestrator.state.run_state import Stage
+from wil_campaign.vehicles.autopilots.failsafes import SILENCE_PARAMETERS
+from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.framing import Frame
 
 _SIGNALS = (
     *("position",) * 5,
@@ -52,6 +56,11 @@ _SIGNALS = (
     *("picture",) * 4,
     *("attitude", "heartbeat", "landed_state", "link", "process", "timesync"),
 )
+SECOND_VEHICLE = "a second vehicle"
+"""Another board with the same system id, behind the same router: it obeys what it hears."""
+_ON_THE_WIRE = frozenset({"heading", "estimator's hold", "second sender"})
+_OF_THE_FIELD = _ON_THE_WIRE | {"ground station"}
+_STATION_EVERY_S = 0.2
 _ENDS_WITHIN_S = 300.0
 _SIZE_PX = (96, 72)
 _PATIENT = {f"max_{what}_skew_s": 10 for what in ("command", "takeoff", "t0")}
@@ -65,7 +74,37 @@ class _Result:
 
 
 def draw_on_sockets(seed: int) -> SignalFault:
-    """Return the fault of a seed; what is judged is attached, and nothing else knows it."""
+    """Return the fault of a seed; what is judged is attached, and nothing else knows it.
+
+    Every other one is a fault of the field.
+    """
+    return _draw_signal(seed) if seed % 2 else _draw_field(seed)
+
+
+def _draw_field(seed: int) -> SignalFault:
+    """Return a fault of the field that no flight has to be spared for."""
+    rng = np.random.default_rng([seed, 44])
+    others = (draw_field(int(rng.integers(1_000_000, 2_000_000))) for _ in range(1_000))
+    drawn = next(one for one in others if one.signal in _OF_THE_FIELD)
+    said_by_others = {*OTHERS, *SENDS} - set(TAKES_OVER)
+    if drawn.cause == "none" and drawn.kind in said_by_others:
+        drawn = replace(drawn, cause=CAUSES[int(rng.integers(len(CAUSES)))])
+    pair = rng.random() < 0.1
+    drawn = replace(
+        drawn,
+        seed=seed,
+        mode="wil" if pair else "sim",
+        vehicle="real" if pair else "twin",
+        judged_by="mavlink",
+        lone=True,
+    )
+    if drawn.signal == "second sender" and rng.random() < 0.3:
+        alteration = replace(drawn.alteration, kind=SECOND_VEHICLE)
+        return replace(drawn, stage="start", after_s=0.0, alteration=alteration)
+    return drawn
+
+
+def _draw_signal(seed: int) -> SignalFault:
     rng = np.random.default_rng([seed, 37])
     drawn = draw(seed + 1_000_000)
     signal_ = _SIGNALS[int(rng.integers(len(_SIGNALS)))]
@@ -137,13 +176,24 @@ class _Flight:
         """Start relays, vehicle and simulator; return the campaign that uses them."""
         fault, subject = self._fault, self._fault.subject
         mavlink_port, capture_port = free_port(), free_port()
-        ids = MESSAGES.get(fault.signal, ()) or None
-        mavlink = MavlinkRelay(
-            signal_change(fault.signal, fault.alteration),
-            ids,
-            lambda: self._is(*MESSAGES.keys()),
-            own=self._own_report if fault.cause == "estimator" else None,
-        )
+        own = self._own_report if fault.cause == "estimator" else None
+        if fault.signal in _ON_THE_WIRE:
+            board = BOARD[fault.autopilot]
+            wire = WireFault(fault.kind, self._is_on, fault.alteration.offset_m, board)
+            mavlink = MavlinkRelay(
+                lambda frame: ((0.0, raw) for raw in wire.change(frame)),
+                None,
+                lambda: self._disturbed and fault.kind != SECOND_VEHICLE,
+                own=own,
+            )
+        else:
+            ids = MESSAGES.get(fault.signal, ()) or None
+            mavlink = MavlinkRelay(
+                signal_change(fault.signal, fault.alteration),
+                ids,
+                lambda: self._is(*MESSAGES.keys()),
+                own=own,
+            )
         capture = CaptureRelay(
             reading_change(fault.alteration), lambda: self._is("mocap"), body=subject
         )
@@ -166,6 +216,9 @@ class _Flight:
         # What it flies in is its own process's to know.
         vehicle["profile"] = "nominal"
         sets = {f"vehicles.{subject}.{key}": value for key, value in vehicle.items()}
+        if fault.signal == "ground station" and self._disturbed:
+            port = await stack.enter_async_context(self._station())
+            sets[f"operator.gcs.{subject}"] = f"udpout://127.0.0.1:{port}"
         if fault.mode == "wil":
             sets["recipe.combine.0.max_skew_ms"] = 800
             pictures = PictureRelay(fault.alteration, lambda: self._is("picture"), _SIZE_PX)
@@ -179,6 +232,11 @@ class _Flight:
         self._vehicle = await stack.enter_async_context(
             _vehicle(fault, self._folder, mavlink_port=mavlink.port, feed_port=capture.port)
         )
+        if fault.kind == SECOND_VEHICLE and self._disturbed:
+            other = replace(fault, seed=fault.seed + 1)
+            await stack.enter_async_context(
+                _vehicle(other, self._folder, mavlink_port=mavlink.port, feed_port=free_port())
+            )
         # Its process may begin later than a program waits for a vehicle.
         async with asyncio.timeout(60.0):
             await mavlink.heard.wait()
@@ -188,7 +246,7 @@ class _Flight:
     async def _program(self, campaign: Path) -> AsyncIterator[asyncio.subprocess.Process]:
         runtime = Path(tempfile.mkdtemp(prefix="wil-"))
         process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "orchestrator.cli", "run", str(campaign)),
+            *(sys.executable, "-m", "wil_campaign", "run", str(campaign)),
             *("--clock", "wall", "--jobs", "1", "--json", "--arm-real"),
             *("--out", str(self._folder / "out"), *self._sets),
             stdout=asyncio.subprocess.PIPE,
@@ -210,13 +268,43 @@ class _Flight:
                 await process.communicate()
             shutil.rmtree(runtime)
 
+    @asynccontextmanager
+    async def _station(self) -> AsyncIterator[int]:
+        """Send by the guard's port for ground stations once the fault is active; gives the port."""
+        fault = self._fault
+        codec = Codec(system_id=255, component_id=190)
+        system = 1 if fault.subject == "real" else 2
+        loop = asyncio.get_running_loop()
+        transport, guard = await loop.create_datagram_endpoint(
+            lambda: Receiver(lambda _: None), local_addr=("127.0.0.1", 0)
+        )
+
+        async def send() -> None:
+            while True:
+                await asyncio.sleep(_STATION_EVERY_S)
+                sent = messages(fault.kind, system, fault.autopilot) if self._is_on() else ()
+                for message in sent:
+                    for peer in guard.peers:
+                        transport.sendto(codec.pack(message), peer)
+
+        sending = asyncio.create_task(send())
+        try:
+            yield int(transport.get_extra_info("sockname")[1])
+        finally:
+            sending.cancel()
+            transport.close()
+
+    def _is_on(self) -> bool:
+        return self._active and self._disturbed
+
     def _is(self, *signals: str) -> bool:
         return self._active and self._disturbed and self._fault.signal in signals
 
     async def _begin(self) -> None:
         """Begin the fault some time after its stage was entered."""
         fault = self._fault
-        await self._stage(fault.stage)
+        if fault.stage != "start":
+            await self._stage(fault.stage)
         await asyncio.sleep(fault.after_s)
         self._active = True
         if fault.signal != "process" or not self._disturbed or self._vehicle is None:
@@ -277,7 +365,7 @@ async def _vehicle(
 async def _simulator(world: Path) -> AsyncIterator[str]:
     """Run the reference simulator; gives its address."""
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "vehicles.sources.reference_simulator"),
+        *(sys.executable, "-m", "wil_campaign.vehicles.sources.reference_simulator"),
         *("--world", str(world), "--bind", "tcp://127.0.0.1:*"),
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},

@@ -12,10 +12,10 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from orchestrator.operator.campaign_records import places
-from safety.guard.process.orphaned_processes import reap_orphans
-from safety.guard.process.runtime_folder import sweep
 from tests.faults.inspection import processes_of
+from wil_campaign.orchestrator.operator.campaign_records import places
+from wil_campaign.safety.guard.process.orphaned_processes import reap_orphans
+from wil_campaign.safety.guard.process.runtime_folder import sweep
 
 _LOOK_S = 0.2
 _TABLES = ("unix", "udp", "udp6", "tcp", "tcp6", "raw", "packet", "netlink")

@@ -19,10 +19,10 @@ from tests.faults.alterations import Alteration
 from tests.faults.images import AlteredImage, altered_image
 from tests.faults.motion_capture import Alter
 from tests.faults.relay import Change
-from vehicles.embedded.process.feed import Mocap, from_vehicle
-from vehicles.mavlink.framing import Frame, FrameSplitter
-from vehicles.processes.codec import MessageError
-from vehicles.readings import PoseReading
+from wil_campaign.vehicles.embedded.process.feed import Mocap, from_vehicle
+from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter
+from wil_campaign.vehicles.processes.codec import MessageError
+from wil_campaign.vehicles.readings import PoseReading
 
 _HOST = "127.0.0.1"
 _JUMPS_IMAGES = 10
@@ -44,16 +44,16 @@ class _Sender(asyncio.DatagramProtocol):
         """Go on."""
 
 
-class _Receiver(asyncio.DatagramProtocol):
-    """Gives what comes, and remembers from where."""
+class Receiver(asyncio.DatagramProtocol):
+    """Gives what comes, and remembers from where: from one vehicle, or from two."""
 
     def __init__(self, take: Callable[[bytes], None]) -> None:
         self._take = take
-        self.peer: Any = None
+        self.peers: dict[Any, None] = {}
 
     def datagram_received(self, data: bytes, addr: object) -> None:
         """Give what came."""
-        self.peer = addr
+        self.peers[addr] = None
         self._take(data)
 
     def error_received(self, exc: Exception) -> None:
@@ -85,14 +85,14 @@ class MavlinkRelay:
         far: list[asyncio.DatagramTransport] = []
 
         def to_vehicle(data: bytes) -> None:
-            if receiver.peer is not None:
-                near.sendto(data, receiver.peer)
+            for peer in receiver.peers:
+                near.sendto(data, peer)
 
         def to_program(data: bytes) -> None:
             self._pass_on(data, far[0].sendto)
 
         near, receiver = await loop.create_datagram_endpoint(
-            lambda: _Receiver(to_program), local_addr=(_HOST, 0)
+            lambda: Receiver(to_program), local_addr=(_HOST, 0)
         )
         transport, _ = await loop.create_datagram_endpoint(
             lambda: _Sender(to_vehicle), remote_addr=(_HOST, to_port)
@@ -139,7 +139,7 @@ class CaptureRelay:
         loop = asyncio.get_running_loop()
         far: list[asyncio.DatagramTransport] = []
         near, _ = await loop.create_datagram_endpoint(
-            lambda: _Receiver(lambda data: self._pass_on(data, far[0].sendto)),
+            lambda: Receiver(lambda data: self._pass_on(data, far[0].sendto)),
             local_addr=(_HOST, 0),
         )
         transport, _ = await loop.create_datagram_endpoint(

@@ -14,15 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
-from orchestrator.run.vehicles import vehicle_backends
-from orchestrator.run.vehicles.pair import Pair
 from tests.faults import hostile
 from tests.faults.draws import Fault
 from tests.faults.mortal_loop import MortalLoop
-from vehicles.links.link import Link
-from vehicles.links.signed_link import SignedLink
-from vehicles.mavlink.signing_key import key_from_environment
+from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
+from wil_campaign.orchestrator.run.vehicles import vehicle_backends
+from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.vehicles.links.link import Link
+from wil_campaign.vehicles.links.signed_link import SignedLink
+from wil_campaign.vehicles.mavlink.signing_key import key_from_environment
 
 KEY = "WIL_FAULTS_KEY"
 _REMEMBERED = 4000

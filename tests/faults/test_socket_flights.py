@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.faults.alterations import POSSIBLE, Alteration
-from tests.faults.socket_flights import draw_on_sockets, inject
+from tests.faults.socket_flights import SECOND_VEHICLE, draw_on_sockets, inject
 
 WALL = replace(
     draw_on_sockets(0),
@@ -43,7 +43,12 @@ def test_the_sixty_alter_mavlink_motion_capture_and_pictures() -> None:
     drawn = [draw_on_sockets(seed) for seed in range(60)]
     assert draw_on_sockets(7) == drawn[7]
     assert {"position", "mocap", "picture"} <= {one.signal for one in drawn}
-    assert all(one.kind in POSSIBLE[one.signal] for one in drawn)
+    field = [one for one in drawn if one.signal not in POSSIBLE]
+    assert {"heading", "estimator's hold", "second sender", "ground station"} == {
+        one.signal for one in field
+    }
+    assert SECOND_VEHICLE in {one.kind for one in field}
+    assert all(one.kind in POSSIBLE[one.signal] for one in drawn if one not in field)
     # What is judged is attached: no truth stands beside it.
     assert all(one.lone for one in drawn)
     assert all(one.mode == "wil" for one in drawn if one.signal == "picture")

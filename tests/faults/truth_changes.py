@@ -8,8 +8,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.faults.alterations import JUMPS_FRAMES, Alteration
 from tests.faults.relay import Change
-from vehicles.mavlink.framing import Frame, with_payload
-from worlds.frames import Vec3
+from wil_campaign.vehicles.mavlink.framing import Frame, with_payload
+from wil_campaign.worlds.frames import Vec3
 
 HIL_STATE: int = mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION
 SIM_STATE: int = mavlink.MAVLINK_MSG_ID_SIM_STATE

@@ -1,4 +1,4 @@
-"""The flights that must fail without any fault: each fails, and for its cause.
+"""The flights that must fail without any fault: each fails for its cause, and the sound one passes.
 
 `python -m tests.faults.undisturbed FIRST COUNT FOLDER` prints one JSON object for each.
 """
@@ -9,7 +9,7 @@ from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
 
-from tests.faults.missions import CAUSES, AutopilotKind, JudgedBy, Mode
+from tests.faults.missions import CAUSES, AutopilotKind, Cause, JudgedBy, Mode
 from tests.faults.signals import Outcome, SignalFault, draw, fails_for_its_cause, fly_mission
 
 COMBINATIONS: tuple[tuple[Mode, AutopilotKind, JudgedBy], ...] = (
@@ -23,7 +23,8 @@ COMBINATIONS: tuple[tuple[Mode, AutopilotKind, JudgedBy], ...] = (
     ("sim", "ardupilot", "simulator"),
     ("wil", "px4", "simulator"),
 )
-ALL = tuple(product(COMBINATIONS, CAUSES))
+_EACH: tuple[Cause, ...] = (*CAUSES, "none")
+ALL = tuple(product(COMBINATIONS, _EACH))
 
 
 def flight(number: int) -> SignalFault:
@@ -33,7 +34,7 @@ def flight(number: int) -> SignalFault:
 
 
 def fly_undisturbed(number: int, folder: Path) -> Outcome:
-    """Fly one; wrong when it does not fail, or fails for another cause."""
+    """Fly one; wrong when it does not fail for its cause, or does though it has none."""
     given = flight(number)
     result = fly_mission(given, folder, None)
     wrong = not fails_for_its_cause(given, result)

@@ -15,22 +15,22 @@ from typing import Any
 
 import numpy as np
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.model.results import RunResult
-from orchestrator.run.flight import run as running
-from orchestrator.run.perception.warm_up import warm_up
-from orchestrator.run.vehicles.pair import Pair
-from orchestrator.state.run_setup import RunOrder, RunSetup
-from orchestrator.state.run_state import RunState, Stage
-from safety.guard.core.contingency import Phase
-from safety.guard.core.operator_command import OperatorCommand
 from tests.faults.barriers import UNDISTURBED, acted_after_s, late
 from tests.faults.draws import WHILE_FLOWN, Fault, draw_kill, draw_trouble
 from tests.faults.mortal_loop import MortalLoop
 from tests.faults.readable import unreadable
 from tests.faults.strikes import KEY, Strike, signing_vehicles
 from tests.faults.witness import Witness
-from vehicles.links.link_conditions import KeySource
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run.flight import run as running
+from wil_campaign.orchestrator.run.perception.warm_up import warm_up
+from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.safety.guard.core.contingency import Phase
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.vehicles.links.link_conditions import KeySource
 
 ROOT = Path(__file__).parents[2]
 _HARMLESS = frozenset(

@@ -9,18 +9,18 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.campaign.workers.run_server import start_run_server
-from orchestrator.cli import main
-from orchestrator.model import run_log
-from orchestrator.model.operator_command import Inbox
-from orchestrator.model.progress import Report
-from orchestrator.model.results import RunResult
-from orchestrator.operator import operator_log
-from orchestrator.run.flight.run import Disturb, fly
-from orchestrator.run.vehicles import vehicle_backends
-from orchestrator.state.run_setup import RunOrder, RunSetup
-from safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.model import run_log
+from wil_campaign.orchestrator.model.operator_command import Inbox
+from wil_campaign.orchestrator.model.progress import Report
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.operator import operator_log
+from wil_campaign.orchestrator.run.flight.run import Disturb, fly
+from wil_campaign.orchestrator.run.vehicles import vehicle_backends
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 ROOT = Path(__file__).parents[2]
 

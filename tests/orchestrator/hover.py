@@ -15,8 +15,8 @@ oracles: {landed: {}}
 """
 WORLD = "schema: wil/world/1\norigin: {latitude_deg: 47.4, longitude_deg: 8.5}\n"
 STILL = """\
-from vehicles.autonomy import Command
-from vehicles.setpoints import VelocitySetpoint
+from wil_campaign.vehicles.autonomy import Command
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 COUNT = []
 

@@ -7,20 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.recording.mcap.mcap_settings import LOSSLESS, RecordingSettings
-from orchestrator.recording.mcap.mcap_writer import McapRecorder, RecordingReport
-from orchestrator.recording.mcap_reader import (
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import LOSSLESS, RecordingSettings
+from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder, RecordingReport
+from wil_campaign.orchestrator.recording.mcap_reader import (
     Recorded,
     RecordedEvent,
     RecordedProvenance,
     RecordedReading,
     Recording,
 )
-from orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
-from recipes.pipeline.mixture import Provenance, StageTime
-from vehicles.readings import CameraReading, PoseReading, Reading, Source
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
+from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
+from wil_campaign.recipes.pipeline.mixture import Provenance, StageTime
+from wil_campaign.vehicles.readings import CameraReading, PoseReading, Reading, Source
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 NAN, INF = math.nan, math.inf
 RNG = np.random.default_rng(5)

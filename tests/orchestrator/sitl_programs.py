@@ -8,8 +8,8 @@ import stat
 import sys
 from pathlib import Path
 
-from vehicles.embedded.process.embedded_process import main as fly
-from vehicles.embedded.process.process_settings import ProcessSettings
+from wil_campaign.vehicles.embedded.process.embedded_process import main as fly
+from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 
 ROOT = Path(__file__).parents[2]
 _PROGRAM = """#!/bin/sh

@@ -9,17 +9,21 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.campaign.campaign_runner import CampaignOutcome, FlyingSettings, fly_campaign
-from orchestrator.campaign.workers import run_engine
-from orchestrator.cli.progress_display import SilentDisplay
-from orchestrator.model.operator_command import Inbox
-from orchestrator.model.progress import Report
-from orchestrator.model.results import RunResult
-from orchestrator.state.run_setup import RunOrder
 from tests.orchestrator.campaign.resuming.test_resumption import quick_fly
 from tests.orchestrator.flights import log_of
 from tests.orchestrator.hover import write_hover
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.campaign.campaign_runner import (
+    CampaignOutcome,
+    fly_campaign,
+)
+from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.workers import run_engine
+from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
+from wil_campaign.orchestrator.model.operator_command import Inbox
+from wil_campaign.orchestrator.model.progress import Report
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.state.run_setup import RunOrder
 
 
 def raise_key_error(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
@@ -56,8 +60,9 @@ def fly(
     folder: Path, watcher: SilentDisplay | None = None, *, resume: bool = False
 ) -> CampaignOutcome:
     campaign = load_campaign(write_hover(folder), Options(repetitions=1))
-    settings = FlyingSettings(out=folder / "out", clock="virtual", jobs=1, resume=resume)
-    return fly_campaign(campaign, settings, watcher or SilentDisplay())
+    options = FlightOptions(out=folder / "out", resume=resume)
+    cleared = Cleared("virtual", 1)
+    return fly_campaign(campaign, options, cleared, watcher or SilentDisplay())
 
 
 @pytest.mark.usefixtures("forked_workers")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.cli import main
+from wil_campaign.orchestrator.cli import main
 
 CAMPAIGN = """\
 schema: wil/campaign/1
@@ -52,8 +52,8 @@ objects:
 AUTONOMY = """\
 import math
 
-from vehicles.autonomy import Command
-from vehicles.setpoints import VelocitySetpoint
+from wil_campaign.vehicles.autonomy import Command
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 
 class Path:

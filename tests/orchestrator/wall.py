@@ -21,8 +21,8 @@ objects:
     pose: {north_m: 3.0, east_m: 0, up_m: 2.0}
 """
 STRAIGHT = """\
-from vehicles.autonomy import Command
-from vehicles.setpoints import VelocitySetpoint
+from wil_campaign.vehicles.autonomy import Command
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 
 class Straight:

@@ -85,7 +85,7 @@ class Program:
     async def __aenter__(self) -> Self:
         sets = [word for one in self._patient for word in ("--set", one)]
         self.process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "orchestrator.cli", "run", f"campaigns/{self._campaign}.yaml"),
+            *(sys.executable, "-m", "wil_campaign", "run", f"campaigns/{self._campaign}.yaml"),
             *(*self._clock, "--case", self._case, "--repetitions", "1", "--jobs", "1"),
             *("--out", str(self.out), *sets, *self._arguments),
             stdout=asyncio.subprocess.PIPE,
@@ -114,7 +114,7 @@ class Program:
     async def operate(self, *arguments: str) -> Landed:
         """Run another command of ours beside it."""
         process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "orchestrator.cli", *arguments),
+            *(sys.executable, "-m", "wil_campaign", *arguments),
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
             cwd=ROOT,

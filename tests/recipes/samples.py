@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from recipes.model.registry import Context, Stage, find
-from recipes.operations.optics import scaled_intrinsics
-from recipes.working import Masked
-from vehicles.readings import (
+from wil_campaign.recipes.model.registry import Context, Stage, find
+from wil_campaign.recipes.operations.optics import scaled_intrinsics
+from wil_campaign.recipes.working import Masked
+from wil_campaign.vehicles.readings import (
     BgrImage,
     CameraReading,
     DepthReading,
@@ -21,8 +21,8 @@ from vehicles.readings import (
     RangefinderReading,
     Source,
 )
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 WIDTH, HEIGHT = 64, 48
 CAMERA = Intrinsics.from_fov(WIDTH, HEIGHT, 1.2)

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recipes.working import StepError, element_shape
 from tests.recipes.samples import HEIGHT, WIDTH, beam, camera, cloud, depth, fix, scan, sound
+from wil_campaign.recipes.working import StepError, element_shape
 
 
 @pytest.mark.parametrize(

@@ -7,15 +7,15 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from safety.guard.core.events import GuardEvent, Output, ToOrchestrator, ToVehicle
-from safety.guard.core.guard_core import GuardCore
-from safety.model.samples import PoseSample
 from tests.safety.guard.guard_rigs import make_pair
 from tests.vehicles.px4_modes import px4_custom_mode
-from vehicles.autopilots.autopilot import Autopilot, Mode, Target
-from vehicles.autopilots.px4 import Px4
-from vehicles.mavlink.codec import Codec
-from worlds.frames import Pose
+from wil_campaign.safety.guard.core.events import GuardEvent, Output, ToOrchestrator, ToVehicle
+from wil_campaign.safety.guard.core.guard_core import GuardCore
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode, Target
+from wil_campaign.vehicles.autopilots.px4 import Px4
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.worlds.frames import Pose
 
 STEP_S = 0.05
 

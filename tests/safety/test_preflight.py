@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from safety.fence.geofence import Fence
-from safety.preflight import (
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.preflight import (
     Item,
     at_least,
     at_most,
@@ -21,7 +21,7 @@ from safety.preflight import (
     settled,
     without_faults,
 )
-from vehicles.autopilots.failsafes import FAILSAFES, return_altitude_m, unsound
+from wil_campaign.vehicles.autopilots.failsafes import FAILSAFES, return_altitude_m, unsound
 
 FENCE = Fence.box(north_m=(-1, 4), east_m=(-2, 2), up_m=(-0.5, 2.5))
 SOUND: dict[str, dict[str, float]] = {
@@ -74,7 +74,7 @@ SOUND: dict[str, dict[str, float]] = {
         (
             home_item("real", FENCE, (-1.5, 0, -1), 0.0),
             "refused",
-            "it is 0.50 m outside of the fence's side",
+            "it is 0.50 m outside of the fence's south side",
         ),
         (home_item("real", FENCE, None, 0.0), "refused", "its position is not known"),
         (pair_item((0, 0, 0), (0.3, 0.4, 0), 0.5), "ok", ""),

@@ -8,9 +8,9 @@ from typing import Any, Self
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.links.link import Link
-from vehicles.links.memory import memory_pair
-from vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.links.link import Link
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.mavlink.codec import Codec
 
 Reply = Callable[["FakePeer", Any], None]
 
@@ -35,6 +35,7 @@ class FakePeer:
         self.prearm = True
         self.flags = 831
         self.landed_state = 1
+        self.battery = 0, 80
         self.boot_offset_s = 100.0
         self.position_ned_m = (0.0, 0.0, 0.0)
         self.yaw_rad = 0.0
@@ -101,8 +102,11 @@ class FakePeer:
             self.heartbeat()
         if self._ticks % 25 == 0:
             health = mavlink.MAV_SYS_STATUS_PREARM_CHECK if self.prearm else 0
+            voltage_mv, percent = self.battery
             self.say(
-                mavlink.MAVLink_sys_status_message(*[0] * 2, health, *[0] * 2, -1, 80, *[0] * 6)
+                mavlink.MAVLink_sys_status_message(
+                    *[0] * 2, health, 0, voltage_mv, -1, percent, *[0] * 6
+                )
             )
             self.say(mavlink.MAVLink_ekf_status_report_message(self.flags, *[0.0] * 5))
             self.say(

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from vehicles import background_file
-from vehicles.background_file import BackgroundFile, Patience
+from wil_campaign.vehicles import background_file
+from wil_campaign.vehicles.background_file import BackgroundFile, Patience
 
 BLOCK = b"." * 1000
 
@@ -77,7 +77,7 @@ def test_a_wait_for_the_disk_ends_when_it_has_all(tmp_path: Path) -> None:
     file.close()
 
 
-def test_who_had_to_wait_waits_for_no_further_line_until_the_disk_has_caught_up(
+def test_a_writer_that_had_to_wait_waits_for_no_further_line_until_the_disk_has_caught_up(
     stalled: Stalled, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = BackgroundFile(stalled.path, append=True)
@@ -183,7 +183,7 @@ def test_no_error_of_the_thread_is_lost(tmp_path: Path, monkeypatch: pytest.Monk
         file.close()
 
 
-def test_who_must_not_wait_has_an_error_at_the_limit(
+def test_a_writer_that_must_not_wait_has_an_error_at_the_limit(
     stalled: Stalled, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(background_file, "_MOST_BEHIND_BYTES", 10_000)
@@ -204,7 +204,7 @@ def test_who_must_not_wait_has_an_error_at_the_limit(
     assert 10 <= len(data) // len(BLOCK) <= 14
 
 
-def test_who_may_wait_waits_at_the_limit_and_loses_nothing(
+def test_a_writer_that_may_wait_waits_at_the_limit_and_loses_nothing(
     stalled: Stalled, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(background_file, "_MOST_BEHIND_BYTES", 10_000)

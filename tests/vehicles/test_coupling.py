@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.coupling import RESPONSE_S, following_setpoint
-from worlds.frames import Pose, Vec3, add, norm, scale, subtract
+from wil_campaign.vehicles.coupling import RESPONSE_S, following_setpoint
+from wil_campaign.worlds.frames import Pose, Vec3, add, norm, scale, subtract
 
 _STEP_S = 0.02
 _LAG_S = 0.3
@@ -55,7 +55,7 @@ def test_what_was_seen_late_is_carried_on_to_now() -> None:
     assert asked.velocity_ned_m_s == pytest.approx((2.0, 0.0, 0.0))
 
 
-def test_who_speeds_up_is_followed_by_the_speed_that_it_is_going_to_have() -> None:
+def test_a_vehicle_that_speeds_up_is_followed_by_the_speed_that_it_is_going_to_have() -> None:
     asked = following_setpoint(
         leader=Pose((0.0, 0.0, 0.0)),
         velocity_ned_m_s=(0.5, 0.0, 0.0),
@@ -70,7 +70,9 @@ def test_who_speeds_up_is_followed_by_the_speed_that_it_is_going_to_have() -> No
 @pytest.mark.parametrize(
     ("asked_m_s", "wanted_m_s"), [(0.8, 0.8), (0.2, 0.5), (2.0, 0.5 + 2.5 * RESPONSE_S)]
 )
-def test_who_is_asked_for_a_speed_does_not_get_faster(asked_m_s: float, wanted_m_s: float) -> None:
+def test_a_vehicle_that_is_asked_for_a_speed_does_not_get_faster(
+    asked_m_s: float, wanted_m_s: float
+) -> None:
     asked = following_setpoint(
         leader=Pose((0.0, 0.0, 0.0)),
         velocity_ned_m_s=(0.0, 0.0, -0.5),

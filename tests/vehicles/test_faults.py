@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.schema.faults import SignalFaultPart
-from vehicles.faults import LATEST_S, LONGEST_S, Fault, FaultError, parse_fault
+from wil_campaign.campaigns.schema.faults import SignalFaultPart
+from wil_campaign.vehicles.faults import LATEST_S, LONGEST_S, Fault, FaultError, parse_fault
 
 moments = st.integers(0, 86_400_000).map(lambda ms: ms / 1000.0)
 lengths = st.none() | st.integers(1, 3_600_000).map(lambda ms: ms / 1000.0)

@@ -5,8 +5,8 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from orchestrator.model.clock import run_virtual
-from vehicles.tasks import (
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.tasks import (
     Contained,
     TaskAccount,
     finish,

@@ -4,9 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.autopilots.autopilot import TelemetryRates
-from vehicles.autopilots.registry import autopilot_named
-from vehicles.telemetry_fit import SHARE_DOWN, RadioTooSlowError, fitted, telemetry_bytes_s
+from wil_campaign.vehicles.autopilots.autopilot import TelemetryRates
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.telemetry_fit import (
+    SHARE_DOWN,
+    RadioTooSlowError,
+    fitted,
+    telemetry_bytes_s,
+)
 
 PX4 = autopilot_named("px4")
 WANTED = TelemetryRates()

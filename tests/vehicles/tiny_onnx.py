@@ -52,8 +52,8 @@ def node(kind: str, inputs: list[str], output: str, attributes: bytes = b"") -> 
     return named + chunk(2, output) + chunk(3, output) + chunk(4, kind) + attributes
 
 
-def tiny_detector(layout: Literal["v5", "v8", "end2end"]) -> bytes:
-    """Return the bytes of an ONNX file."""
+def tiny_detector(layout: Literal["v5", "v8", "end2end"], names: str = "") -> bytes:
+    """Return the bytes of an ONNX file; names: as the metadata of Ultralytics states them."""
     rows, bias = _head(layout)
     shape = {"v5": (1, 4, 7), "v8": (1, 6, 4), "end2end": (1, 4, 6)}[layout]
     half = INPUT_PX // 2
@@ -80,7 +80,9 @@ def tiny_detector(layout: Literal["v5", "v8", "end2end"]) -> bytes:
         + chunk(12, value("output0", *shape))
     )
     opset = chunk(1, "") + number(2, 13)
-    return number(1, 8) + chunk(7, graph) + chunk(8, opset)
+    stated = chunk(14, chunk(1, "author") + chunk(2, "us"))
+    stated += chunk(14, chunk(1, "names") + chunk(2, names)) if names else b""
+    return number(1, 8) + chunk(7, graph) + chunk(8, opset) + stated
 
 
 def _head(layout: str) -> tuple[np.ndarray, np.ndarray]:

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from worlds import frames as fr
-from worlds.frames import Pose, Quat, Vec3
+from wil_campaign.worlds import frames as fr
+from wil_campaign.worlds.frames import Pose, Quat, Vec3
 
 components = st.floats(-1.0, 1.0)
 angles = st.floats(-math.pi, math.pi)

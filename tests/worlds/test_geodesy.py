@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from worlds.frames import Vec3, norm, subtract
-from worlds.geodesy import LocalFrame, ecef_from_geodetic, geodetic_from_ecef
+from wil_campaign.worlds.frames import Vec3, norm, subtract
+from wil_campaign.worlds.geodesy import LocalFrame, ecef_from_geodetic, geodetic_from_ecef
 
 latitudes = st.floats(-90.0, 90.0)
 longitudes = st.floats(-180.0, 180.0)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from worlds.preview import main
+from wil_campaign.worlds.preview import main
 
 HALL = Path(__file__).parents[2] / "worlds" / "hall.yaml"
 

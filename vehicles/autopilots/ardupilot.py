@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.autopilot import (
+from wil_campaign.vehicles.autopilots.autopilot import (
     IGNORE_YAW,
     IGNORE_YAW_RATE,
     Autopilot,
@@ -16,9 +16,9 @@ from vehicles.autopilots.autopilot import (
     Target,
     command_long,
 )
-from vehicles.autopilots.ground_truth import GroundTruth, read_sim_state
-from vehicles.autopilots.map_projections import ArduPilotProjection
-from vehicles.autopilots.readiness import ReadinessRules
+from wil_campaign.vehicles.autopilots.ground_truth import GroundTruth, read_sim_state
+from wil_campaign.vehicles.autopilots.map_projections import ArduPilotProjection
+from wil_campaign.vehicles.autopilots.readiness import ReadinessRules
 
 _SETTABLE: dict[Mode, int] = {
     # BRAKE stops and holds by itself and ignores sticks and late setpoints. LOITER sinks when no
@@ -84,16 +84,25 @@ class ArduCopter(Autopilot):
         estimator_message="EKF_STATUS_REPORT",
         forbidden_flags=mavlink.ESTIMATOR_CONST_POS_MODE | mavlink.EKF_UNINITIALIZED,
         needs_home=False,
+        glitch=(mavlink.EKF_GPS_GLITCHING, "EKF_GPS_GLITCHING"),
     )
     estimator_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT
     # The "variances" of EKF_STATUS_REPORT are test ratios without a unit.
     accuracy_message_id: ClassVar[int | None] = None
     truth_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_SIM_STATE
+    magnetometer_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_RAW_IMU
     # Under AP_SIM_ENABLED in GCS_Common.cpp.
     simulation_message_id: ClassVar[int | None] = mavlink.MAVLINK_MSG_ID_SIM_STATE
     # FS_EKF_ACTION 2 (ekf_check.cpp); no failsafe of events.cpp enters another of them.
     fallback_modes: ClassVar[frozenset[str]] = frozenset({"ALT_HOLD"})
     heeds_pace: ClassVar[bool] = True
+    frame_parameters: ClassVar[tuple[str, ...]] = ("FRAME_CLASS", "FRAME_TYPE")
+    restless_parameters: ClassVar[tuple[str, ...]] = (
+        "STAT_*",  # flights, runtime (AP_Stats.cpp)
+        "*_GND_PRESS",  # of barometers, at each boot
+        "INS_GYR*OFFS_?",  # of gyroscopes, at each boot (INS_GYR_CAL)
+        "*_TOTAL",  # items of mission, fence and rally, which are no settings
+    )
 
     def mode_of(self, custom_mode: int) -> Mode:
         """Return our mode for an ArduCopter HEARTBEAT."""

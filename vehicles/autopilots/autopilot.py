@@ -8,11 +8,12 @@ from typing import Any, ClassVar, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.ground_truth import GroundTruth
-from vehicles.autopilots.map_projections import MapProjection
-from vehicles.autopilots.readiness import Readiness, ReadinessRules
-from vehicles.errors import VehicleError
-from worlds.frames import Vec3
+from wil_campaign.vehicles.autopilots.estimator_losses import EstimatorLosses
+from wil_campaign.vehicles.autopilots.ground_truth import GroundTruth
+from wil_campaign.vehicles.autopilots.map_projections import MapProjection
+from wil_campaign.vehicles.autopilots.readiness import Readiness, ReadinessRules
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.worlds.frames import Vec3
 
 AutopilotName = Literal["px4", "ardupilot"]
 
@@ -61,11 +62,13 @@ class TelemetryRates:
     """System and estimator status, global position."""
     home_hz: float = 0.5
     ground_speed_hz: float = 0.0
-    """Of its GPS receiver; 0: not requested."""
+    """Of its GPS receivers; 0: not requested."""
     truth_hz: float = 0.0
     """Of its simulator's ground truth; 0: not requested."""
     accuracy_hz: float = 0.0
     """Of its estimator's covariance; 0: not requested."""
+    magnetometer_hz: float = 0.0
+    """Of its magnetometer; 0: not requested."""
     sensors: tuple[MessageRate, ...] = ()
     """Of messages with readings of its sensors."""
 
@@ -138,12 +141,20 @@ class Autopilot(ABC):
     """Of the message with its estimator's covariance in metres; None when it sends none."""
     truth_message_id: ClassVar[int]
     """Of the message with its simulator's ground truth."""
+    magnetometer_message_id: ClassVar[int]
+    """Of the message with its magnetometer's field in body axes."""
     simulation_message_id: ClassVar[int | None] = None
     """Of a message that only its simulation sends; None where its AUTOPILOT_VERSION tells."""
     fallback_modes: ClassVar[frozenset[str]]
     """Its names of the pilot's modes that it enters by itself when it can no longer be guided."""
     heeds_pace: ClassVar[bool] = False
     """Whether its own simulator's pace can be set while it flies."""
+    frame_parameters: ClassVar[tuple[str, ...]]
+    """The parameters that tell its frame, beside the MAV_TYPE of its heartbeat."""
+    parameters_digest: ClassVar[str | None] = None
+    """The pseudo-parameter by which it tells a digest of all of its parameters; None: by none."""
+    restless_parameters: ClassVar[tuple[str, ...]] = ()
+    """Patterns of parameters that it changes by itself, as counters and what a boot measures."""
 
     @abstractmethod
     def mode_of(self, custom_mode: int) -> Mode:
@@ -190,9 +201,15 @@ class Autopilot(ABC):
 
     def telemetry_plan(self, rates: TelemetryRates) -> tuple[MessageRate, ...]:
         """Return the messages to request from the autopilot, and how often."""
-        gps = MessageRate(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, rates.ground_speed_hz, required=False)
+        gps = tuple(
+            MessageRate(one, rates.ground_speed_hz, required=False)
+            for one in (mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, mavlink.MAVLINK_MSG_ID_GPS2_RAW)
+        )
         truth = MessageRate(self.truth_message_id, rates.truth_hz, required=False)
         exact = self.accuracy_message_id
+        magnetometer = MessageRate(
+            self.magnetometer_message_id, rates.magnetometer_hz, required=False
+        )
         plan = (
             MessageRate(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, rates.position_hz),
             MessageRate(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, rates.attitude_hz),
@@ -203,13 +220,14 @@ class Autopilot(ABC):
                 mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, rates.status_hz, required=False
             ),
             MessageRate(mavlink.MAVLINK_MSG_ID_HOME_POSITION, rates.home_hz, required=False),
-            *((gps,) if rates.ground_speed_hz > 0.0 else ()),
+            *(gps if rates.ground_speed_hz > 0.0 else ()),
             *((truth,) if rates.truth_hz > 0.0 else ()),
             *(
                 (MessageRate(exact, rates.accuracy_hz, required=False),)
                 if exact is not None and rates.accuracy_hz > 0.0
                 else ()
             ),
+            *((magnetometer,) if rates.magnetometer_hz > 0.0 else ()),
         )
         return _with_sensors(plan, rates.sensors)
 
@@ -284,6 +302,11 @@ class Autopilot(ABC):
     def readiness(self) -> Readiness:
         """Return a new tracker of the autopilot's readiness to arm and take off."""
         return Readiness(self.readiness_rules)
+
+    def estimator_losses(self) -> EstimatorLosses:
+        """Return a new tracker of what the autopilot's estimator loses in flight."""
+        rules = self.readiness_rules
+        return EstimatorLosses(estimator_message=rules.estimator_message, glitch=rules.glitch)
 
     def refusal_reasons(self, texts: Iterable[str]) -> tuple[str, ...]:
         """Return the autopilot's STATUSTEXT reasons against arming, without prefixes."""

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 
 OWN_SYSTEM_ID = 245
 """Our system id as a ground station, of driver and guard; its heartbeats prevent the vehicle's GCS

@@ -17,8 +17,8 @@ SIMSTATE has neither height nor velocity nor time: it is not used.
 import math
 from typing import Any, NamedTuple
 
-from vehicles.errors import VehicleError
-from worlds.frames import Quat, Vec3, quat_normalize
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.worlds.frames import Quat, Vec3, quat_normalize
 
 _UNIT_WITHIN = 0.1
 """The largest difference of a quaternion's length from 1."""

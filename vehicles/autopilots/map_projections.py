@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from worlds.frames import wrap_pi
+from wil_campaign.worlds.frames import wrap_pi
 
 PX4_EARTH_RADIUS_M = 6_371_000.0
 """CONSTANTS_RADIUS_OF_EARTH (PX4, src/lib/geo/geo.h)."""

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.autopilot import (
+from wil_campaign.vehicles.autopilots.autopilot import (
     IGNORE_YAW,
     IGNORE_YAW_RATE,
     Autopilot,
@@ -17,9 +17,9 @@ from vehicles.autopilots.autopilot import (
     Target,
     command_long,
 )
-from vehicles.autopilots.ground_truth import GroundTruth, read_hil_state
-from vehicles.autopilots.map_projections import Px4Projection
-from vehicles.autopilots.readiness import ReadinessRules
+from wil_campaign.vehicles.autopilots.ground_truth import GroundTruth, read_hil_state
+from wil_campaign.vehicles.autopilots.map_projections import Px4Projection
+from wil_campaign.vehicles.autopilots.readiness import ReadinessRules
 
 _AUTO = 4
 _SETTABLE: dict[Mode, tuple[int, int]] = {
@@ -93,13 +93,20 @@ class Px4(Autopilot):
     )
     # Its flags have CONST_POS_MODE set on the ground (1023): that bit is ignored.
     readiness_rules: ClassVar[ReadinessRules] = ReadinessRules(
-        estimator_message="ESTIMATOR_STATUS", forbidden_flags=0, needs_home=True
+        estimator_message="ESTIMATOR_STATUS",
+        forbidden_flags=0,
+        needs_home=True,
+        glitch=(mavlink.ESTIMATOR_GPS_GLITCH, "GPS_GLITCH"),
     )
     estimator_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS
     accuracy_message_id: ClassVar[int | None] = mavlink.MAVLINK_MSG_ID_ODOMETRY
     truth_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION
+    magnetometer_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
     # COM_OBL_RC_ACT 0 to 2 (FallbackPosCtrl, AltCtrl and Stab of failsafe/framework.cpp).
     fallback_modes: ClassVar[frozenset[str]] = frozenset({"POSCTL", "ALTCTL", "STABILIZED"})
+    frame_parameters: ClassVar[tuple[str, ...]] = ("SYS_AUTOSTART",)
+    # CRC-32 of all used parameters without volatile ones (param_hash_check in parameters.cpp).
+    parameters_digest: ClassVar[str | None] = "_HASH_CHECK"
 
     def mode_of(self, custom_mode: int) -> Mode:
         """Return our mode for a PX4 HEARTBEAT."""

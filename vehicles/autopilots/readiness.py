@@ -21,12 +21,14 @@ class ReadinessRules:
     """How autopilots differ in readiness: sensors, estimator flags, pre-arm texts.
 
     estimator_message: the name of the message with the estimator's flags. forbidden_flags: none of
-    them may be set. needs_home: whether a home position must be known.
+    them may be set. needs_home: whether a home position must be known. glitch: the flag of a GPS
+    that the estimator rejects, and its name.
     """
 
     estimator_message: str
     forbidden_flags: int
     needs_home: bool
+    glitch: tuple[int, str]
 
 
 class Readiness:

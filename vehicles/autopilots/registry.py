@@ -2,9 +2,9 @@
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.ardupilot import ArduCopter
-from vehicles.autopilots.autopilot import Autopilot, AutopilotName
-from vehicles.autopilots.px4 import Px4
+from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, AutopilotName
+from wil_campaign.vehicles.autopilots.px4 import Px4
 
 _STRATEGIES: tuple[Autopilot, ...] = (Px4(), ArduCopter())
 
@@ -19,6 +19,11 @@ MULTICOPTERS = frozenset(
     }
 )
 """MAV_TYPEs that both strategies fly: only the type tells ArduPilot's planes from copters."""
+
+
+def flies(vehicle_type: int, mav_autopilot: int) -> bool:
+    """Return whether a registered autopilot strategy flies what sends such heartbeats."""
+    return vehicle_type in MULTICOPTERS and autopilot_of(mav_autopilot) is not None
 
 
 def autopilot_named(name: AutopilotName) -> Autopilot:

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.embedded.profile import CameraFaults
-from vehicles.readings import BgrImage
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
+from wil_campaign.vehicles.embedded.profile import CameraFaults
+from wil_campaign.vehicles.readings import BgrImage
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 BLUR_DISTANCE_M = 3.0
 """Assumed distance of the blurred scene: that of the gate in the paper's first scenario."""

@@ -11,7 +11,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from vehicles.cameras.camera_effects import (
+from wil_campaign.vehicles.cameras.camera_effects import (
     NO_STREAK,
     NOISE_ROLL_PX,
     CameraEffects,
@@ -19,11 +19,11 @@ from vehicles.cameras.camera_effects import (
     Streak,
     streak_px,
 )
-from vehicles.errors import VehicleError
-from vehicles.poses.pose_history import PoseHistory
-from vehicles.readings import BgrImage, CameraReading, DepthImage, IdImage, Source
-from worlds.camera import CameraMount, Intrinsics
-from worlds.frames import Pose
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.vehicles.readings import BgrImage, CameraReading, DepthImage, IdImage, Source
+from wil_campaign.worlds.camera import CameraMount, Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 __all__ = [
     "CameraQuality",

@@ -11,7 +11,7 @@ Where all have stopped at its end, the next line begins there. So no process is 
 clock.
 """
 
-from vehicles.clocks.sim_clock_controller import STEP_S, Segment
+from wil_campaign.vehicles.clocks.sim_clock_controller import STEP_S, Segment
 
 LEAD_S = 0.06
 """By how much of its own time the clock may be ahead of the slowest process: a setpoint, an image

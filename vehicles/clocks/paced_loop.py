@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager
 from heapq import heappop, heappush
 from typing import TypeVar, TypeVarTuple
 
-from vehicles.clocks.sim_clock_controller import Segment
+from wil_campaign.vehicles.clocks.sim_clock_controller import Segment
 
 T = TypeVar("T")
 Ts = TypeVarTuple("Ts")

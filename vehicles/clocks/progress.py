@@ -3,8 +3,8 @@
 import math
 from collections.abc import Callable
 
-from vehicles.clocks.lockstep import REPORT_S
-from vehicles.clocks.paced_loop import PacedLoop
+from wil_campaign.vehicles.clocks.lockstep import REPORT_S
+from wil_campaign.vehicles.clocks.paced_loop import PacedLoop
 
 
 class ProgressReporter:

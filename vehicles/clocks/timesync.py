@@ -17,7 +17,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from vehicles.clocks.steady_pace import Exchange, SteadyPace
+from wil_campaign.vehicles.clocks.steady_pace import Exchange, SteadyPace
 
 _OFFSET_WINDOW_S = 5.0
 _JUMP_S = 0.05

@@ -1,5 +1,5 @@
 """The driver: connects to a vehicle, identifies it, flies it, and reports its state."""
 
-from vehicles.driver.driver import Driver
+from wil_campaign.vehicles.driver.driver import Driver
 
 __all__ = ["Driver"]

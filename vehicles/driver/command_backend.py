@@ -1,4 +1,4 @@
-"""How a driver sends commands to its vehicle: as our own MAVLink frames, or through mavsdk.
+"""How a driver sends commands to its vehicle: as our own MAVLink frames, or otherwise.
 
 Telemetry is always received by the driver itself, so that estimates, states and events, which
 verdicts are based on, are the same with every backend.
@@ -7,13 +7,13 @@ verdicts are based on, are the same with every backend.
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from vehicles.autopilots.autopilot import Autopilot, Target
-from vehicles.driver.onboard.onboard import Onboard
-from vehicles.driver.session.commands import Commander
-from vehicles.driver.session.session import Session
-from vehicles.driver.vehicle_commands import VehicleCommands
-from vehicles.errors import VehicleError
-from vehicles.links.link import Link
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
+from wil_campaign.vehicles.driver.onboard.onboard import Onboard
+from wil_campaign.vehicles.driver.session.commands import Commander
+from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.vehicle_commands import VehicleCommands
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.links.link import Link
 
 MessageSender = Callable[[Any], None]
 FailureListener = Callable[[VehicleError], None]

@@ -2,10 +2,10 @@
 
 from collections.abc import Awaitable, Callable
 
-from vehicles.driver.session.conditions import ConditionWaiter
-from vehicles.driver.vehicle_commands import Done
-from vehicles.driver.vehicle_state import VehicleState
-from vehicles.errors import StateTimeoutError
+from wil_campaign.vehicles.driver.session.conditions import ConditionWaiter
+from wil_campaign.vehicles.driver.vehicle_commands import Done
+from wil_campaign.vehicles.driver.vehicle_state import VehicleState
+from wil_campaign.vehicles.errors import StateTimeoutError
 
 SEEN_WITHIN_S = 3.0
 """HEARTBEAT comes once a second, and one may be lost."""

@@ -1,43 +1,69 @@
 """Flies one vehicle over MAVLink, whichever autopilot it has."""
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from vehicles.autopilots.autopilot import AutopilotName, Mode, Target, TelemetryRates
-from vehicles.clocks.timesync import VehicleClock
-from vehicles.driver.command_backend import CommandBackend, FailureListener, FrameBackend
-from vehicles.driver.confirmed_command import SEEN_WITHIN_S, ConfirmedCommand
-from vehicles.driver.estimate_accuracy import EstimateAccuracy
-from vehicles.driver.estimates import EstimateListener, Estimates
-from vehicles.driver.identified_vehicle import IdentifiedVehicle
-from vehicles.driver.onboard.gps_receiver import GroundSpeed
-from vehicles.driver.refusals import arm_refused, not_ready
-from vehicles.driver.session.commands import Commander
-from vehicles.driver.session.conditions import ConditionWaiter
-from vehicles.driver.session.identification import find_vehicle, request_identity
-from vehicles.driver.session.identity import Identity, Wanted
-from vehicles.driver.session.link_monitor import LinkMonitor
-from vehicles.driver.session.session import Handler, Session
-from vehicles.driver.session.timesync_requests import TimesyncRequester
-from vehicles.driver.setpoint_sender import SetpointSender
-from vehicles.driver.status_tracker import EventListener, StatusTracker
-from vehicles.driver.telemetry_streams import TelemetryStreams
-from vehicles.driver.truth_receiver import TruthListener, TruthReceiver
-from vehicles.driver.vehicle_state import EstimateSample, ReportName, VehicleState
-from vehicles.errors import AnchorError, CommandError, VehicleError
-from vehicles.links.link import Link
-from vehicles.poses.anchor import Anchor
-from vehicles.setpoints import Setpoint
-from worlds.frames import Pose, Vec3
-from worlds.geodesy import Geodetic
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Mode, Target, TelemetryRates
+from wil_campaign.vehicles.clocks.timesync import VehicleClock
+from wil_campaign.vehicles.driver.command_backend import (
+    CommandBackend,
+    FailureListener,
+    FrameBackend,
+)
+from wil_campaign.vehicles.driver.confirmed_command import SEEN_WITHIN_S, ConfirmedCommand
+from wil_campaign.vehicles.driver.estimate_accuracy import EstimateAccuracy
+from wil_campaign.vehicles.driver.estimates import EstimateListener, Estimates
+from wil_campaign.vehicles.driver.heading_monitor import HeadingListener, HeadingMonitor
+from wil_campaign.vehicles.driver.identified_vehicle import IdentifiedVehicle
+from wil_campaign.vehicles.driver.onboard.gps_receiver import GroundSpeed
+from wil_campaign.vehicles.driver.onboard.parameter_digest import ParameterDigest
+from wil_campaign.vehicles.driver.refusals import arm_refused, not_ready
+from wil_campaign.vehicles.driver.session.commands import Commander
+from wil_campaign.vehicles.driver.session.conditions import ConditionWaiter
+from wil_campaign.vehicles.driver.session.identification import find_vehicle, request_identity
+from wil_campaign.vehicles.driver.session.identity import Identity, Wanted
+from wil_campaign.vehicles.driver.session.link_monitor import LinkMonitor
+from wil_campaign.vehicles.driver.session.session import Handler, Session
+from wil_campaign.vehicles.driver.session.timesync_requests import TimesyncRequester
+from wil_campaign.vehicles.driver.setpoint_sender import SetpointSender
+from wil_campaign.vehicles.driver.status_tracker import EventListener, StatusTracker
+from wil_campaign.vehicles.driver.telemetry_streams import TelemetryStreams
+from wil_campaign.vehicles.driver.truth_receiver import TruthListener, TruthReceiver
+from wil_campaign.vehicles.driver.vehicle_state import (
+    EstimateSample,
+    ReportName,
+    VehicleEvent,
+    VehicleState,
+)
+from wil_campaign.vehicles.errors import (
+    AnchorError,
+    CommandError,
+    StateTimeoutError,
+    VehicleError,
+)
+from wil_campaign.vehicles.links.link import Link
+from wil_campaign.vehicles.links.udp import RIVAL_REMEDY
+from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind
+from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.vehicles.setpoints import Setpoint
+from wil_campaign.vehicles.tasks import stop, together
+from wil_campaign.worlds.frames import Pose, Vec3
+from wil_campaign.worlds.geodesy import Geodetic
 
 _REQUEST_AGAIN_S = 2.0
 _GROUND_SPEED_HZ = 2.0
 _ACCURACY_HZ = 2.0
+_DISARMS_ITSELF_S = 5.0
+"""After the touchdown; by default PX4 takes 2 s (COM_DISARM_LAND), and ArduCopter's LAND none."""
+_MAGNETOMETER_HZ = 2.0
 _ANSWER_WITHIN_S = 1.0
 """Time to identify itself that is left to a vehicle whose first heartbeat came at the deadline."""
 
@@ -74,7 +100,8 @@ class Driver:
         self._link = self._backend.join(link)
         self._wanted = Wanted(None if autopilot == "auto" else autopilot, system_id)
         self._start = start
-        self._rates = rates
+        gps_hz = min(_GROUND_SPEED_HZ, rates.position_hz)
+        self._rates = replace(rates, ground_speed_hz=gps_hz)  # a fix that is lost is a fault
         self._anchor_given = False
         self._changes = ConditionWaiter()
         self._session = Session(
@@ -97,15 +124,18 @@ class Driver:
             session=self._session, circumstances=self._circumstances
         )
         self.parameters = self.onboard.parameters
+        self.parameter_digest = ParameterDigest(session=self._session)
         self.clock = VehicleClock(own_id=own_system_id, max_drift=max_clock_drift)
         self._timesync = TimesyncRequester(session=self._session, clock=self.clock)
         self._estimates = Estimates(session=self._session, clock=self.clock)
         self._estimates.on_reboot = self._on_reboot
         self.accuracy = EstimateAccuracy(session=self._session)
         self.truth = TruthReceiver(session=self._session, clock=self.clock)
+        self._headings = HeadingMonitor(session=self._session)
         self._event_listeners: list[EventListener] = []
         self._status: StatusTracker | None = None
         self._vehicle: IdentifiedVehicle | None = None
+        self._identified_s = math.inf
         self._failure: VehicleError | None = None
         self._backend.on_failure(self._on_failure)
 
@@ -126,6 +156,7 @@ class Driver:
         if self._vehicle is not None:
             self._vehicle.setpoints.stop()
             self._vehicle.streams.stop()
+            self._vehicle.status.stop()
         self._link_monitor.stop()
         self._timesync.stop()
         self._commander.close()
@@ -145,6 +176,29 @@ class Driver:
             estimate=self._estimates.newest,
             local=self._estimates.local,
         )
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Return in words what else sends heartbeats with the vehicle's ids; they are ignored."""
+        vehicle = self._vehicle
+        return () if vehicle is None else tuple(map(vehicle.describe_other, self._session.others))
+
+    @property
+    def received_for_s(self) -> float:
+        """Return for how long the vehicle has been identified, and its link listened to."""
+        return asyncio.get_running_loop().time() - self._identified_s
+
+    def request_version(self) -> None:
+        """Request AUTOPILOT_VERSION again: a second vehicle answers by its own uid."""
+        vehicle = self._require_identified()
+        number = mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+        self._session.send(vehicle.autopilot.request_message(vehicle.target, number))
+
+    def require_alone(self) -> None:
+        """Raise VehicleError when two vehicles with one system id arrive over the link."""
+        found = self._session.second_vehicle.found
+        if found:
+            raise VehicleError(f"{self.name}: {self._describe_second(found)}; {RIVAL_REMEDY}")
 
     def take_arrivals(self) -> tuple[float, ...]:
         """Return the times (run clock) at which the vehicle was received since the last call.
@@ -185,6 +239,7 @@ class Driver:
         """Set the driver's anchor (geodetic, motion capture) in place of the start pose."""
         self._anchor_given = True
         self._estimates.set_anchor(anchor)
+        self._headings.anchor()
 
     def on_estimate(self, listener: EstimateListener) -> None:
         """Call `listener` with each estimate of the vehicle, once it is anchored."""
@@ -192,9 +247,16 @@ class Driver:
 
     def on_ground_speed(self, listener: Callable[[GroundSpeed], None]) -> None:
         """Call `listener` with speeds of the vehicle's GPS receiver; before `identify`."""
-        hz = min(_GROUND_SPEED_HZ, self._rates.position_hz)
-        self._rates = replace(self._rates, ground_speed_hz=hz)
         self.onboard.gps_receiver.on_ground_speed(listener)
+
+    def on_heading(self, listener: HeadingListener) -> None:
+        """Call `listener` with comparisons of the vehicle's heading; before `identify`."""
+        self._rates = replace(
+            self._rates,
+            accuracy_hz=_ACCURACY_HZ,  # ODOMETRY counts the estimator's resets
+            magnetometer_hz=min(_MAGNETOMETER_HZ, self._rates.position_hz),
+        )
+        self._headings.listen(listener)
 
     def request_accuracy(self) -> None:
         """Request the covariance of the vehicle's estimator (`accuracy`); before `identify`."""
@@ -230,15 +292,16 @@ class Driver:
             return self._vehicle.identity
         loop = asyncio.get_running_loop()
         deadline_s = loop.time() + timeout_s
-        target, autopilot = await find_vehicle(
+        vehicle, autopilot = await find_vehicle(
             self._session, self._changes, wanted=self._wanted, timeout_s=timeout_s
         )
+        target = vehicle.target
         await self._backend.await_vehicle(target, max(deadline_s - loop.time(), _ANSWER_WITHIN_S))
         identity = await request_identity(
             self._session,
             self._changes,
             autopilot=autopilot,
-            target=target,
+            vehicle=vehicle,
             timeout_s=max(deadline_s - loop.time(), _ANSWER_WITHIN_S),
         )
         self.onboard.identified(autopilot, identity)
@@ -248,7 +311,7 @@ class Driver:
             changes=self._changes,
             listeners=self._event_listeners,
         )
-        first = self._session.heartbeats[target]
+        first = self._session.heartbeats[vehicle]
         status.heartbeat(first.heartbeat, first.t_s)
         plan = autopilot.telemetry_plan(self._rates)
         self.truth.begin(autopilot)
@@ -269,21 +332,32 @@ class Driver:
             estimates=self._estimates,
             clock=self.clock,
         )
+        for kind, t_s in self._session.others.items():
+            self._report_other(kind, t_s)
+        self._session.on_other = self._report_other
+        second = self._session.second_vehicle
+        second.position_hz = self._rates.position_hz
+        second.on_found = self._report_second
+        self._identified_s = loop.time()
         self._begin_listening()
+        self.parameter_digest.begin(autopilot, target)
         return identity
 
     async def ready(self, timeout_s: float) -> None:
         """Wait until the vehicle can arm and take off, and anchor it at its start pose.
 
-        Raises NotReadyError with the reasons and the last STATUSTEXTs.
+        Raises NotReadyError with the reasons and the last STATUSTEXTs, and VehicleError when a
+        second vehicle has its system id.
         """
         vehicle = self._require_identified()
         loop = asyncio.get_running_loop()
         deadline_s = loop.time() + timeout_s
         vehicle.streams.watch()
         while True:
+            self.require_alone()
             slice_s = max(0.0, min(_REQUEST_AGAIN_S, deadline_s - loop.time()))
-            if await self._changes.until(lambda: not self._reasons(), slice_s):
+            if await self._changes.until(self._is_ready_or_two, slice_s):
+                self.require_alone()
                 break
             if loop.time() >= deadline_s:
                 what = f"{self.name}: not ready to arm within {timeout_s:g} s"
@@ -296,9 +370,11 @@ class Driver:
     async def arm(self) -> None:
         """Anchor the vehicle, set the mode to arm in, arm, and see it armed.
 
-        Raises ArmRefusedError with the autopilot's reasons, AnchorError, StateTimeoutError.
+        Raises ArmRefusedError with the autopilot's reasons, AnchorError, StateTimeoutError, and
+        VehicleError when a second vehicle has its system id.
         """
         vehicle = self._require_identified()
+        self.require_alone()
         status, autopilot = vehicle.status, vehicle.autopilot
         if self._reasons():
             vehicle.streams.request()
@@ -390,11 +466,32 @@ class Driver:
         await vehicle.commands.terminate()
 
     async def disarmed(self, timeout_s: float) -> None:
-        """Wait until the vehicle is disarmed. Raises StateTimeoutError."""
+        """Wait until the vehicle is disarmed. Raises StateTimeoutError.
+
+        One that stays armed on the ground, as with PX4's COM_DISARM_LAND of -1, is commanded to
+        disarm.
+        """
         status = self._require_identified().status
-        await self._confirmed_command.await_effect(
-            lambda: not status.state.armed, timeout_s, "disarmed"
-        )
+        async with together() as tasks:
+            disarming = tasks.create_task(
+                self._disarm_on_ground(timeout_s), name=f"disarming {self.name}"
+            )
+            await self._confirmed_command.await_effect(
+                lambda: not status.state.armed, timeout_s, "disarmed"
+            )
+            await stop(disarming)
+
+    async def _disarm_on_ground(self, within_s: float) -> None:
+        """Command disarming, again and again, while the vehicle stays armed on the ground."""
+        status = self._require_identified().status
+
+        def has_landed() -> bool:
+            return status.state.landed == "on_ground"
+
+        while await self._changes.until(has_landed, within_s):
+            if not await self._changes.until(lambda: not has_landed(), _DISARMS_ITSELF_S):
+                with suppress(CommandError, StateTimeoutError):
+                    await self.disarm()
 
     def _require_identified(self) -> IdentifiedVehicle:
         if self._vehicle is None:
@@ -418,8 +515,12 @@ class Driver:
             try:
                 self._estimates.anchor_at(self._start)
                 self.truth.anchor_at(self._start)
+                self._headings.anchor()
             except AnchorError as error:
                 raise AnchorError(f"{self.name}: {error}") from error
+
+    def _is_ready_or_two(self) -> bool:
+        return not self._reasons() or bool(self._session.second_vehicle.found)
 
     def _reasons(self) -> tuple[str, ...]:
         return self._require_identified().reasons(self._rates.position_hz)
@@ -437,8 +538,22 @@ class Driver:
         self._timesync.start()
         self._link_monitor.watch()
 
+    def _report_other(self, kind: HeartbeatKind, t_s: float) -> None:
+        vehicle = self._require_identified()
+        vehicle.status.report(VehicleEvent(t_s, "other_sender", vehicle.describe_other(kind)))
+
+    def _describe_second(self, found: str) -> str:
+        system = self._require_identified().target.system
+        return f"two vehicles have the system id {system} on this link: {found}"
+
+    def _report_second(self, found: str, t_s: float) -> None:
+        text = self._describe_second(found)
+        self._require_identified().status.report(VehicleEvent(t_s, "second_vehicle", text))
+        self._changes.notify()
+
     def _on_reboot(self, t_s: float) -> None:
         self.truth.restart()
+        self._headings.restart()
         if self._vehicle is not None:
             self._vehicle.status.rebooted(t_s)
             self._begin_listening()

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.session import Session
 
 _POSITION_VARIANCES = (0, 6, 11)
 _ATTITUDE_VARIANCES = (15, 18, 20)

@@ -2,8 +2,8 @@
 
 from collections import deque
 
-from vehicles.driver.vehicle_state import LocalEstimate
-from worlds.frames import Pose, Quat, Vec3, slerp
+from wil_campaign.vehicles.driver.vehicle_state import LocalEstimate
+from wil_campaign.worlds.frames import Pose, Quat, Vec3, slerp
 
 _MAX_ATTITUDES = 16
 

@@ -7,14 +7,14 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.clocks.timesync import VehicleClock
-from vehicles.driver.estimate_pairing import EstimatePairing
-from vehicles.driver.session.session import Session
-from vehicles.driver.vehicle_state import EstimateSample, LocalEstimate
-from vehicles.errors import AnchorError
-from vehicles.poses.anchor import Anchor, PoseAverage
-from worlds.frames import Pose, Vec3, quat_from_euler, subtract
-from worlds.geodesy import Geodetic, LocalFrame
+from wil_campaign.vehicles.clocks.timesync import VehicleClock
+from wil_campaign.vehicles.driver.estimate_pairing import EstimatePairing
+from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.vehicle_state import EstimateSample, LocalEstimate
+from wil_campaign.vehicles.errors import AnchorError
+from wil_campaign.vehicles.poses.anchor import Anchor, PoseAverage
+from wil_campaign.worlds.frames import Pose, Vec3, quat_from_euler, subtract
+from wil_campaign.worlds.geodesy import Geodetic, LocalFrame
 
 _POSITION: Struct = mavlink.MAVLink_local_position_ned_message.unpacker
 _QUATERNION: Struct = mavlink.MAVLink_attitude_quaternion_message.unpacker

@@ -5,14 +5,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from vehicles.autopilots.autopilot import Autopilot, Mode, Target
-from vehicles.clocks.timesync import VehicleClock
-from vehicles.driver.estimates import Estimates
-from vehicles.driver.session.identity import Identity
-from vehicles.driver.setpoint_sender import SetpointSender
-from vehicles.driver.status_tracker import StatusTracker
-from vehicles.driver.telemetry_streams import TelemetryStreams
-from vehicles.driver.vehicle_commands import VehicleCommands
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode, Target
+from wil_campaign.vehicles.clocks.timesync import VehicleClock
+from wil_campaign.vehicles.driver.estimates import Estimates
+from wil_campaign.vehicles.driver.session.identity import Identity
+from wil_campaign.vehicles.driver.setpoint_sender import SetpointSender
+from wil_campaign.vehicles.driver.status_tracker import StatusTracker
+from wil_campaign.vehicles.driver.telemetry_streams import TelemetryStreams
+from wil_campaign.vehicles.driver.vehicle_commands import VehicleCommands
+from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind
 
 _LEAST_RATE = 0.5
 """The part of the requested position rate that must arrive."""
@@ -71,6 +72,14 @@ class IdentifiedVehicle:
         if rate_hz < _LEAST_RATE * position_hz:
             reasons.append(f"positions arrive at {rate_hz:.0f} Hz instead of {position_hz:.0f} Hz")
         return tuple(reasons)
+
+    def describe_other(self, kind: HeartbeatKind) -> str:
+        """Return in words that another program sends heartbeats with the vehicle's ids."""
+        ids = f"system {self.target.system}, component {self.target.component}"
+        return (
+            f"another sender of heartbeats has its ids ({ids}): {kind}; they are ignored; give "
+            "it a component id of its own"
+        )
 
     @property
     def _arms_in_hold(self) -> bool:

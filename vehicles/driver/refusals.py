@@ -1,8 +1,8 @@
 """Builds the errors of a vehicle that does not become ready, or does not arm."""
 
-from vehicles.driver.identified_vehicle import IdentifiedVehicle
-from vehicles.driver.session.conditions import ConditionWaiter
-from vehicles.errors import ArmRefusedError, CommandError, NotReadyError
+from wil_campaign.vehicles.driver.identified_vehicle import IdentifiedVehicle
+from wil_campaign.vehicles.driver.session.conditions import ConditionWaiter
+from wil_campaign.vehicles.errors import ArmRefusedError, CommandError, NotReadyError
 
 _TEXT_WITHIN_S = 0.5
 """How long after a refusal the STATUSTEXT with its reason may arrive."""

@@ -3,11 +3,11 @@
 import asyncio
 from typing import Any
 
-from vehicles.autopilots.autopilot import Autopilot, Target
-from vehicles.clocks.timesync import VehicleClock
-from vehicles.driver.session.repeater import Repeater
-from vehicles.driver.session.session import Session
-from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
+from wil_campaign.vehicles.clocks.timesync import VehicleClock
+from wil_campaign.vehicles.driver.session.repeater import Repeater
+from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
 
 _ZERO_VELOCITY = VelocitySetpoint((0.0, 0.0, 0.0))
 

@@ -1,16 +1,18 @@
 """Tracks the vehicle's modes, states and STATUSTEXTs, and reports their changes as events."""
 
+import asyncio
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.autopilot import Autopilot, Mode
-from vehicles.driver.session.conditions import ConditionWaiter
-from vehicles.driver.session.session import Session
-from vehicles.driver.session.statustext import StatustextPieces
-from vehicles.driver.vehicle_state import (
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode
+from wil_campaign.vehicles.driver.session.conditions import ConditionWaiter
+from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.session.statustext import StatustextPieces, WholeText
+from wil_campaign.vehicles.driver.vehicle_state import (
     LANDED_STATES,
     Battery,
     EventKind,
@@ -20,12 +22,14 @@ from vehicles.driver.vehicle_state import (
     VehicleEvent,
     VehicleState,
 )
-from vehicles.mavlink.names import enum_name
-from vehicles.tasks import Contained
+from wil_campaign.vehicles.mavlink.names import enum_name
+from wil_campaign.vehicles.tasks import Contained
 
 EventListener = Callable[[VehicleEvent], None]
 
 _MAX_TEXTS = 20
+_TEXT_WITHIN_S = 1.0
+"""How long the end of a STATUSTEXT is waited for."""
 _ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
 _FAILSAFE_STATES = frozenset(
     {
@@ -34,7 +38,8 @@ _FAILSAFE_STATES = frozenset(
         mavlink.MAV_STATE_FLIGHT_TERMINATION,
     }
 )
-_UNKNOWN_VOLTAGE_MV = 0xFFFF
+_UNMEASURED_MV = frozenset({0, 0xFFFF})
+"""Without a power module ArduPilot sends 0 mV, and PX4 UINT16_MAX; no battery of 0 V flies."""
 
 
 class StatusTracker:
@@ -57,24 +62,35 @@ class StatusTracker:
         self._changes = changes
         self._listeners = listeners
         self._pieces = StatustextPieces()
+        self._text_timer: asyncio.TimerHandle | None = None
         self._texts: deque[StatusText] = deque(maxlen=_MAX_TEXTS)
         self.state = VehicleState(link_up=True)
         self.readiness = autopilot.readiness()
+        self._losses = autopilot.estimator_losses()
         self.reported_s: dict[ReportName, float] = {}
         """When each report of its state last arrived (run clock)."""
         self._was_sound = False
+        self._resets: int | None = None
         self.requested_modes: tuple[Mode, ...] = ()
         """The modes that follow from our last command."""
         for message_id, handler in (
             (mavlink.MAVLINK_MSG_ID_HEARTBEAT, self.heartbeat),
             (mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, self._on_extended_state),
             (mavlink.MAVLINK_MSG_ID_SYS_STATUS, self._on_sys_status),
-            (mavlink.MAVLINK_MSG_ID_STATUSTEXT, self._on_statustext),
             (mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS, self._on_estimator_flags),
             (mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT, self._on_estimator_flags),
+            (mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, self._on_gps),
+            (mavlink.MAVLINK_MSG_ID_GPS2_RAW, self._on_gps),
             (mavlink.MAVLINK_MSG_ID_HOME_POSITION, self._on_home),
+            (mavlink.MAVLINK_MSG_ID_ODOMETRY, self._on_odometry),
         ):
             session.on(message_id, handler)
+        session.on_payload(mavlink.MAVLINK_MSG_ID_STATUSTEXT, self._on_statustext)
+
+    def stop(self) -> None:
+        """Stop waiting for the end of a STATUSTEXT."""
+        if self._text_timer is not None:
+            self._text_timer.cancel()
 
     def report(self, event: VehicleEvent) -> None:
         """Report an event to all listeners of the status."""
@@ -94,13 +110,16 @@ class StatusTracker:
     def rebooted(self, t_s: float) -> None:
         """Reset the status of readiness: the vehicle rebooted."""
         self.readiness = self._autopilot.readiness()
+        self._losses = self._autopilot.estimator_losses()
         self._was_sound = False
-        self._change(faults=())
+        self._change(faults=(), position_losses=())
         self.report(VehicleEvent(t_s, "reboot", "the vehicle's clock restarted (it rebooted)"))
 
     def last_texts(self, count: int = 5) -> tuple[str, ...]:
-        """Return the last STATUSTEXTs, oldest first; each once."""
-        distinct = dict.fromkeys(text.text for text in reversed(self._texts))
+        """Return the last STATUSTEXTs, oldest first; each once. One may not be complete yet."""
+        unfinished = self._pieces.unfinished
+        texts = [*(text.text for text in self._texts), *([unfinished.text] if unfinished else [])]
+        distinct = dict.fromkeys(reversed(texts))
         return tuple(reversed(list(distinct)[:count]))
 
     def _change(self, **fields: Any) -> None:
@@ -123,6 +142,7 @@ class StatusTracker:
             failsafe=failsafe,
         )
         self.readiness.feed(message)
+        self._losses.arm(armed=armed)
         if now == before:
             self._changes.notify()
             return
@@ -152,36 +172,63 @@ class StatusTracker:
     def _on_sys_status(self, message: Any, t_s: float) -> None:
         self.readiness.feed(message)
         voltage_mv, percent = message.voltage_battery, message.battery_remaining
+        # Of 0 mV, 0 % is nothing measured either.
+        without_charge = percent < 0 or (percent == 0 and voltage_mv == 0)
         battery = Battery(
-            voltage_v=None if voltage_mv == _UNKNOWN_VOLTAGE_MV else voltage_mv * 1e-3,
-            remaining=None if percent < 0 else percent / 100.0,
+            voltage_v=None if voltage_mv in _UNMEASURED_MV else voltage_mv * 1e-3,
+            remaining=None if without_charge else percent / 100.0,
         )
         if battery.voltage_v is not None or battery.remaining is not None:
             self.reported_s["battery"] = t_s
         self._change(battery=battery)
 
-    def _on_statustext(self, message: Any, t_s: float) -> None:
-        whole = self._pieces.add(message.text, message.id, message.chunk_seq)
-        if not whole:
-            return
-        self._texts.append(StatusText(t_s, message.severity, whole))
-        self._change(texts=tuple(self._texts))
-        self.report(VehicleEvent(t_s, "text", whole, severity=message.severity))
+    def _on_statustext(self, payload: bytes, t_s: float) -> None:
+        self._take_texts(self._pieces.add(payload, t_s))
+        self.stop()
+        if self._pieces.unfinished is not None:
+            loop = asyncio.get_running_loop()
+            self._text_timer = loop.call_later(_TEXT_WITHIN_S, self._end_text)
+            self._changes.notify()
+
+    def _end_text(self) -> None:
+        self._take_texts(self._pieces.expire(math.inf))
+
+    def _take_texts(self, whole: Sequence[WholeText]) -> None:
+        for one in whole:
+            self._texts.append(StatusText(one.t_s, one.severity, one.text))
+            self._change(texts=tuple(self._texts))
+            self.report(VehicleEvent(one.t_s, "text", one.text, severity=one.severity))
 
     def _on_estimator_flags(self, message: Any, t_s: float) -> None:
         self.readiness.feed(message)
         self.reported_s["estimator"] = t_s
-        faults = self.readiness.estimator_faults()
-        before = self.state.faults
-        if faults != before:
-            self.state = self.state._replace(faults=faults)
-            if self._was_sound:
-                kind: EventKind = "fault" if faults else "fault_over"
-                self.report(VehicleEvent(t_s, kind, ", ".join(faults or before)))
+        self._losses.feed(message)
+        self._judge_estimator(t_s)
+        self._changes.notify()
+
+    def _on_gps(self, message: Any, t_s: float) -> None:
+        self._losses.feed(message)
+        if "estimator" in self.reported_s:
+            self._judge_estimator(t_s)
+
+    def _judge_estimator(self, t_s: float) -> None:
+        """Update the faults of the estimator, and report what is new."""
+        lost, before = self._losses.lost, self.state
+        faults = (*self.readiness.estimator_faults(), *lost.others)
+        self.state = before._replace(faults=faults, position_losses=lost.position)
+        was, now = before.faults + before.position_losses, faults + lost.position
+        if was != now and self._was_sound:
+            kind: EventKind = "fault" if now else "fault_over"
+            self.report(VehicleEvent(t_s, kind, ", ".join(now or was)))
         # While an estimator starts, all its flags are missing: that is no fault yet.
         self._was_sound = self._was_sound or not faults
-        self._changes.notify()
 
     def _on_home(self, message: Any, _t_s: float) -> None:
         self.readiness.feed(message)
         self._changes.notify()
+
+    def _on_odometry(self, message: Any, t_s: float) -> None:
+        before, self._resets = self._resets, message.reset_counter
+        if before is not None and before != message.reset_counter and self.state.armed:
+            text = f"its estimator was reset (ODOMETRY reset_counter {before} to {self._resets})"
+            self.report(VehicleEvent(t_s, "estimator_reset", text))

@@ -3,10 +3,10 @@
 import asyncio
 from functools import partial
 
-from vehicles.autopilots.autopilot import Autopilot, MessageRate, Target
-from vehicles.driver.session.repeater import Repeater
-from vehicles.driver.session.session import Session
-from vehicles.mavlink.names import message_name
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, MessageRate, Target
+from wil_campaign.vehicles.driver.session.repeater import Repeater
+from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.mavlink.names import message_name
 
 _SLACK = 3.0
 """A message counts as missing after so many of its periods, and at least a second."""

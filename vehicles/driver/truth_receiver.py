@@ -6,14 +6,14 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.autopilot import Autopilot
-from vehicles.autopilots.ground_truth import GroundTruth, GroundTruthError
-from vehicles.autopilots.map_projections import MapProjection
-from vehicles.clocks.timesync import VehicleClock
-from vehicles.driver.session.session import Session
-from vehicles.driver.vehicle_state import EstimateSample
-from vehicles.poses.anchor import Anchor, PoseAverage
-from worlds.frames import Pose
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot
+from wil_campaign.vehicles.autopilots.ground_truth import GroundTruth, GroundTruthError
+from wil_campaign.vehicles.autopilots.map_projections import MapProjection
+from wil_campaign.vehicles.clocks.timesync import VehicleClock
+from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
+from wil_campaign.vehicles.poses.anchor import Anchor, PoseAverage
+from wil_campaign.worlds.frames import Pose
 
 _STILL_M = 0.1
 """How far the ground truth of a vehicle at rest may move."""

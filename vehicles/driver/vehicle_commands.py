@@ -3,8 +3,8 @@
 import asyncio
 from collections.abc import Callable
 
-from vehicles.autopilots.autopilot import Autopilot, Mode, Target
-from vehicles.driver.session.commands import Commander
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode, Target
+from wil_campaign.vehicles.driver.session.commands import Commander
 
 Done = Callable[[], bool]
 """Returns whether a command has taken effect, though its acknowledgement was lost."""

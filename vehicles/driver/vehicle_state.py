@@ -7,8 +7,8 @@ times as long.
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from vehicles.autopilots.autopilot import Mode
-from worlds.frames import Pose, Vec3
+from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.worlds.frames import Pose, Vec3
 
 Landed = Literal["unknown", "on_ground", "in_air", "taking_off", "landing"]
 """MAV_LANDED_STATE."""
@@ -31,6 +31,9 @@ EventKind = Literal[
     "link_lost",
     "link_back",
     "reboot",
+    "estimator_reset",
+    "other_sender",
+    "second_vehicle",
 ]
 
 
@@ -98,6 +101,7 @@ class VehicleState(NamedTuple):
     last_received_s: when a message of it last arrived (run clock); None before. custom_mode and
     system_status as in HEARTBEAT. estimate: None until the vehicle is anchored in the world.
     local: the same in the autopilot's own frame. faults: of its estimator, in words.
+    position_losses: what held its position at arming and was lost since; not among the faults.
     """
 
     last_received_s: float | None = None
@@ -110,6 +114,7 @@ class VehicleState(NamedTuple):
     landed: Landed = "unknown"
     failsafe: bool = False
     faults: tuple[str, ...] = ()
+    position_losses: tuple[str, ...] = ()
     estimate: EstimateSample | None = None
     local: LocalEstimate | None = None
     battery: Battery | None = None

@@ -1,4 +1,4 @@
-"""`python -m vehicles.embedded SETTINGS_JSON`: runs one embedded vehicle as a process."""
+"""One embedded vehicle as a process: `python -m wil_campaign.vehicles.embedded SETTINGS_JSON`."""
 
 # ruff: noqa: E402 - the collector is off meanwhile: imported objects stay
 import gc
@@ -7,7 +7,7 @@ gc.disable()  # until the vehicle has opened its link
 
 import sys
 
-from vehicles.embedded.process.embedded_process import main
+from wil_campaign.vehicles.embedded.process.embedded_process import main
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from worlds.files.documents import Part, check, closest, load
+from wil_campaign.worlds.files.documents import Part, check, closest, load
 
 _FOLDER = Path(__file__).parent / "profiles"
 
@@ -118,7 +118,9 @@ class Profile(Part):
     """A profile of an embedded vehicle and its place.
 
     sensors: of lidars, GPS, IMU and others: `ideal` has the ranges of their data sheets and no
-    noise; `datasheet` adds their noise.
+    noise; `datasheet` adds their noise. max_touchdown_m_s: the fastest that it may sink as it
+    lands; by default 1 m/s: autopilots land at 0.7 (PX4's MPC_LAND_SPEED) and 0.5 m/s (ArduCopter's
+    LAND_SPEED).
     """
 
     schema_: Literal["wil/profile/1"] = Field(alias="schema")
@@ -132,6 +134,7 @@ class Profile(Part):
     camera: CameraFaults
     clock: VehicleClock
     sensors: Literal["ideal", "datasheet"] = "ideal"
+    max_touchdown_m_s: Positive = 1.0
 
 
 def list_profiles() -> tuple[str, ...]:

@@ -8,19 +8,23 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
-from vehicles.embedded.autopilot.copter.copter import ArduCopter
-from vehicles.embedded.autopilot.emulated_autopilot import COMPONENT, EmulatedAutopilot
-from vehicles.embedded.autopilot.flight.autopilot_state import Identity
-from vehicles.embedded.autopilot.px4.px4 import Px4
-from vehicles.embedded.physics.body import PHYSICS_HZ, Body
-from vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig, EventListener
-from vehicles.embedded.physics.mocap_feed import MotionCaptureFeed
-from vehicles.embedded.physics.states import STOPPED, Thrusts, TruthSample
-from vehicles.links.link import Link
-from vehicles.mavlink.codec import Codec
-from vehicles.readings import PoseReading
-from vehicles.tasks import Contained
-from worlds.geodesy import LocalFrame
+from wil_campaign.vehicles.embedded.autopilot.copter.copter import ArduCopter
+from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import COMPONENT, EmulatedAutopilot
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from wil_campaign.vehicles.embedded.autopilot.px4.px4 import Px4
+from wil_campaign.vehicles.embedded.physics.body import PHYSICS_HZ, Body
+from wil_campaign.vehicles.embedded.physics.config import (
+    ContactWorld,
+    EmbeddedConfig,
+    EventListener,
+)
+from wil_campaign.vehicles.embedded.physics.mocap_feed import MotionCaptureFeed
+from wil_campaign.vehicles.embedded.physics.states import STOPPED, Thrusts, TruthSample
+from wil_campaign.vehicles.links.link import Link
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.readings import PoseReading
+from wil_campaign.vehicles.tasks import Contained
+from wil_campaign.worlds.geodesy import LocalFrame
 
 _LISTENER = Contained("a listener to a vehicle's truth")
 _STEPS_PER_TICK = 2

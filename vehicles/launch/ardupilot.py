@@ -8,7 +8,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from vehicles.launch.launch_plan import (
+from wil_campaign.vehicles.launch.launch_plan import (
     BootParams,
     Home,
     LaunchError,
@@ -16,8 +16,8 @@ from vehicles.launch.launch_plan import (
     Port,
     parameter_text,
 )
-from vehicles.links.link_strings import LinkAddress
-from worlds.files.paths import exists, is_file, is_folder
+from wil_campaign.vehicles.links.link_strings import LinkAddress
+from wil_campaign.worlds.files.paths import exists, is_file, is_folder
 
 _BASE_PORT = 5760
 _PER_INSTANCE = 10

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 from typing import Self
 
-from vehicles.launch.launch_plan import Launch, LaunchError, Port
+from wil_campaign.vehicles.launch.launch_plan import Launch, LaunchError, Port
 
 
 class Instance:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol
 
-from vehicles.errors import VehicleError
-from vehicles.links.link_strings import LinkAddress
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.links.link_strings import LinkAddress
 
 
 class LaunchError(VehicleError):

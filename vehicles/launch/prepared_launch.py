@@ -4,14 +4,14 @@ import asyncio
 from pathlib import Path
 from typing import Self
 
-from vehicles.launch.instances import Instance, take_instance
-from vehicles.launch.launch_plan import Launch, LaunchError, LaunchPlan
-from vehicles.launch.launch_records import RECORD, LaunchRecord
-from vehicles.launch.simulator_output import Output
-from vehicles.processes.child import run_briefly
-from vehicles.processes.identity import ProcessId, boot_id
-from vehicles.processes.supervisor import supervised
-from vehicles.tasks import finish
+from wil_campaign.vehicles.launch.instances import Instance, take_instance
+from wil_campaign.vehicles.launch.launch_plan import Launch, LaunchError, LaunchPlan
+from wil_campaign.vehicles.launch.launch_records import RECORD, LaunchRecord
+from wil_campaign.vehicles.launch.simulator_output import Output
+from wil_campaign.vehicles.processes.child import run_briefly
+from wil_campaign.vehicles.processes.identity import ProcessId, boot_id
+from wil_campaign.vehicles.processes.supervisor import supervised
+from wil_campaign.vehicles.tasks import finish
 
 _POLL_S = 0.05
 

@@ -11,8 +11,8 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from vehicles.launch.ardupilot import executable
-from vehicles.launch.launch_plan import (
+from wil_campaign.vehicles.launch.ardupilot import executable
+from wil_campaign.vehicles.launch.launch_plan import (
     BootParams,
     Home,
     LaunchError,
@@ -20,8 +20,8 @@ from vehicles.launch.launch_plan import (
     Port,
     parameter_text,
 )
-from vehicles.links.link_strings import LinkAddress
-from worlds.files.paths import is_file, is_folder
+from wil_campaign.vehicles.links.link_strings import LinkAddress
+from wil_campaign.worlds.files.paths import is_file, is_folder
 
 _API_PORT = 14540
 _LOCAL_PORTS = (14580, 14280, 13030, 18570)

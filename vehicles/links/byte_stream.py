@@ -5,7 +5,7 @@ from asyncio.trsock import TransportSocket
 from collections.abc import Callable
 from typing import cast
 
-from vehicles.links.reads import shorten_reads
+from wil_campaign.vehicles.links.reads import shorten_reads
 
 MOST_WAITING_BYTES = 16_384
 """Writes beyond so many waiting bytes are dropped: a late setpoint is worse than none."""

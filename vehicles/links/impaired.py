@@ -7,9 +7,9 @@ from typing import Self
 
 import numpy as np
 
-from vehicles.links.impairment import ImpairedDirection, Impairment, ImpairmentCounts
-from vehicles.links.link import Link, Receiver, TellsTrouble
-from vehicles.mavlink.framing import FrameSplitter
+from wil_campaign.vehicles.links.impairment import ImpairedDirection, Impairment, ImpairmentCounts
+from wil_campaign.vehicles.links.link import Link, Receiver, TellsTrouble
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter
 
 
 class ImpairedLink:

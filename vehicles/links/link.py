@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
-from vehicles.errors import VehicleError
+from wil_campaign.vehicles.errors import VehicleError
 
 Receiver = Callable[[bytes, float], None]
 """Takes whole datagrams or pieces of a stream, and the run clock's time of arrival."""

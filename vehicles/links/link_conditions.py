@@ -7,12 +7,16 @@ from typing import Literal
 
 import numpy as np
 
-from vehicles.links.impaired import ImpairedLink
-from vehicles.links.impairment import Impairment
-from vehicles.links.link import Link
-from vehicles.links.redundant import RedundantLink
-from vehicles.links.signed_link import SignedLink
-from vehicles.mavlink.signing_key import SigningKey, key_from_environment, key_from_file
+from wil_campaign.vehicles.links.impaired import ImpairedLink
+from wil_campaign.vehicles.links.impairment import Impairment
+from wil_campaign.vehicles.links.link import Link
+from wil_campaign.vehicles.links.redundant import RedundantLink
+from wil_campaign.vehicles.links.signed_link import SignedLink
+from wil_campaign.vehicles.mavlink.signing_key import (
+    SigningKey,
+    key_from_environment,
+    key_from_file,
+)
 
 _FLAWLESS = Impairment()
 

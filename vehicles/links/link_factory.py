@@ -1,11 +1,11 @@
 """Creates the link of an address."""
 
-from vehicles.links.link import Link, LinkError
-from vehicles.links.link_strings import LinkAddress
-from vehicles.links.reconnection import BackOff
-from vehicles.links.serial import SerialLink
-from vehicles.links.tcp import TcpInLink, TcpOutLink
-from vehicles.links.udp import UdpLink
+from wil_campaign.vehicles.links.link import Link, LinkError
+from wil_campaign.vehicles.links.link_strings import LinkAddress
+from wil_campaign.vehicles.links.reconnection import BackOff
+from wil_campaign.vehicles.links.serial import SerialLink
+from wil_campaign.vehicles.links.tcp import TcpInLink, TcpOutLink
+from wil_campaign.vehicles.links.udp import UdpLink
 
 _SOON = BackOff(first_s=0.1, longest_s=0.5)
 """For a simulator that is being started: ArduPilot's SITL boots only once a client connects."""

@@ -5,7 +5,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from vehicles.links.link import LinkError
+from wil_campaign.vehicles.links.link import LinkError
 
 LinkKind = Literal["udpin", "udpout", "tcpin", "tcpout", "serial", "memory"]
 

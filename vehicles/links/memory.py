@@ -4,7 +4,7 @@ import asyncio
 from collections import deque
 from typing import Self
 
-from vehicles.links.link import Link, Receiver
+from wil_campaign.vehicles.links.link import Link, Receiver
 
 
 class MemoryLink:

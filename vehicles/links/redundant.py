@@ -9,8 +9,9 @@ from typing import Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.links.link import Link, Receiver, TellsTrouble
-from vehicles.mavlink.framing import Frame, FrameSplitter
+from wil_campaign.vehicles.links.link import Link, Receiver, TellsTrouble
+from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter
+from wil_campaign.vehicles.mavlink.heartbeats import heartbeat_kind
 
 SILENT_S = 0.3
 """After this silence another link becomes active: long before the driver counts the vehicle's link
@@ -144,7 +145,10 @@ class RedundantLink:
 
     def _is_vehicle(self, frame: Frame) -> bool:
         """Return whether a frame is of the vehicle's autopilot, not of another on its network."""
-        return frame.component == _AUTOPILOT and self._system_id in {None, frame.system}
+        if frame.component != _AUTOPILOT or self._system_id not in {None, frame.system}:
+            return False
+        kind = heartbeat_kind(frame)
+        return kind is None or kind.autopilot != mavlink.MAV_AUTOPILOT_INVALID
 
     def _take_sign_of_life(self, number: int, t_s: float) -> None:
         if t_s - self._last_received_s[number] > SILENT_S:

@@ -5,10 +5,10 @@ import errno
 import os
 from typing import Self
 
-from vehicles.links.link import LinkError, Receiver
-from vehicles.links.link_strings import LinkAddress
-from vehicles.links.reconnection import BackOff, Reconnection
-from vehicles.links.serial_port import open_port, remedy
+from wil_campaign.vehicles.links.link import LinkError, Receiver
+from wil_campaign.vehicles.links.link_strings import LinkAddress
+from wil_campaign.vehicles.links.reconnection import BackOff, Reconnection
+from wil_campaign.vehicles.links.serial_port import open_port, remedy
 
 _AT_ONCE = 4096
 _MOST_WAITING_BYTES = 4096

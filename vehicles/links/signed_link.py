@@ -4,10 +4,10 @@ import asyncio
 from types import TracebackType
 from typing import Self
 
-from vehicles.links.link import ConfirmsSenders, Link, Receiver, TellsTrouble
-from vehicles.mavlink.framing import Frame, FrameSplitter
-from vehicles.mavlink.signing import TICKS_PER_S, Signer, SigningCounts, ticks_of_utc
-from vehicles.mavlink.signing_key import SigningKey
+from wil_campaign.vehicles.links.link import ConfirmsSenders, Link, Receiver, TellsTrouble
+from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter
+from wil_campaign.vehicles.mavlink.signing import TICKS_PER_S, Signer, SigningCounts, ticks_of_utc
+from wil_campaign.vehicles.mavlink.signing_key import SigningKey
 
 
 class SignedLink:

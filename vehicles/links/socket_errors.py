@@ -3,7 +3,7 @@
 import errno
 import socket
 
-from vehicles.links.link_strings import LinkAddress
+from wil_campaign.vehicles.links.link_strings import LinkAddress
 
 _FIRST_FREE_PORT = 1024
 """Lower ones are the system's."""

@@ -3,7 +3,7 @@
 from types import TracebackType
 from typing import Self
 
-from vehicles.links.link import Link, Receiver, TellsUnread, TimesReceiver
+from wil_campaign.vehicles.links.link import Link, Receiver, TellsUnread, TimesReceiver
 
 
 class TappedLink:

@@ -5,12 +5,12 @@ import socket
 import sys
 from typing import Self
 
-from vehicles.links.byte_stream import StreamPeer
-from vehicles.links.link import LinkError, Receiver
-from vehicles.links.link_strings import LinkAddress
-from vehicles.links.reconnection import BackOff, Reconnection
-from vehicles.links.socket_errors import socket_remedy
-from vehicles.mavlink.framing import FrameSplitter
+from wil_campaign.vehicles.links.byte_stream import StreamPeer
+from wil_campaign.vehicles.links.link import LinkError, Receiver
+from wil_campaign.vehicles.links.link_strings import LinkAddress
+from wil_campaign.vehicles.links.reconnection import BackOff, Reconnection
+from wil_campaign.vehicles.links.socket_errors import socket_remedy
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter
 
 _CONNECT_WITHIN_S = 5.0
 _SILENT_S = 3.0

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Self, cast
 
-from vehicles.links.link import LinkError, Receiver
-from vehicles.links.link_strings import LinkAddress
-from vehicles.links.reads import shorten_reads
-from vehicles.links.socket_errors import socket_remedy
+from wil_campaign.vehicles.links.link import LinkError, Receiver
+from wil_campaign.vehicles.links.link_strings import LinkAddress
+from wil_campaign.vehicles.links.reads import shorten_reads
+from wil_campaign.vehicles.links.socket_errors import socket_remedy
 
 _SILENT_S = 1.5
 """A heartbeat and a half: a MAVLink system is not silent for so long."""
@@ -35,7 +35,10 @@ are dropped: a late setpoint is worse than none."""
 _ARP_S = 5.0
 """When what waited for an address that is gone is dropped by the kernel, and a margin."""
 
-RIVAL_REMEDY = "switch one off, or give one another id (MAV_SYS_ID of PX4, MAV_SYSID of ArduPilot)"
+RIVAL_REMEDY = (
+    "switch one off, or give one another id (MAV_SYS_ID of PX4, MAV_SYSID of ArduPilot, before 4.7 "
+    "SYSID_THISMAV)"
+)
 """What to do about two vehicles with one system id."""
 
 _Address = tuple[str, int]

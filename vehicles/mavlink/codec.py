@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.mavlink.framing import Frame, FrameSplitter, checksum
+from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter, checksum
 
 _HEADER = struct.Struct("<BBBBBBHB")
 """Of MAVLink 2, without the start byte, which the checksum leaves out."""

@@ -7,7 +7,7 @@ import hmac
 import os
 from pathlib import Path
 
-from vehicles.errors import VehicleError
+from wil_campaign.vehicles.errors import VehicleError
 
 KEY_BYTES = 32
 _FORMS = (

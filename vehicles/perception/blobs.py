@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.perception.hsv import HsvMask, HsvRange
-from vehicles.readings import BgrImage, Mask
+from wil_campaign.vehicles.perception.hsv import HsvMask, HsvRange
+from wil_campaign.vehicles.readings import BgrImage, Mask
 
 
 @dataclass(frozen=True, slots=True)

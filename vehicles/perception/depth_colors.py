@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from vehicles.readings import BgrImage, DepthImage
+from wil_campaign.vehicles.readings import BgrImage, DepthImage
 
 _FAR_M = 20.0
 """Larger distances have the colour of this one."""

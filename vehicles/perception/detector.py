@@ -15,14 +15,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.perception.network_trial import refusal, short_text
-from vehicles.readings import BgrImage
-from worlds.files.paths import is_file
+from wil_campaign.vehicles.perception.network_trial import refusal, short_text
+from wil_campaign.vehicles.perception.onnx_names import class_names
+from wil_campaign.vehicles.readings import BgrImage
+from wil_campaign.worlds.files.lfs import LFS_POINTER, is_lfs_file
+from wil_campaign.worlds.files.paths import is_file
 
 Layout = Literal["auto", "v5", "v8", "end2end"]
 
 _PAD_GRAY = 114
 """The grey of the padding that YOLO networks are trained with (Ultralytics letterbox)."""
+
+
+_SHOWN = 4
+"""Class names in a message."""
 
 
 class DetectorError(Exception):
@@ -53,7 +59,8 @@ class Letterbox:
 class OnnxDetector:
     """Detects objects in images. Not thread-safe: the network has buffers.
 
-    names: of the classes, in the order of the network's output. input_px: (width, height) of the
+    names: of the classes, in the order of the network's output; empty for those that the file
+    states itself, which others may translate and not contradict. input_px: (width, height) of the
     network's input. threshold: least score. overlap: of two boxes of one class whose intersection
     over union is above it, the one with the higher score stays. Raises DetectorError for an
     unusable file, which is loaded and run in a process of its own first, and as `detect` does.
@@ -63,7 +70,7 @@ class OnnxDetector:
         self,
         path: Path,
         *,
-        names: Sequence[str],
+        names: Sequence[str] = (),
         input_px: tuple[int, int] = (640, 640),
         threshold: float = 0.25,
         overlap: float = 0.45,
@@ -71,13 +78,18 @@ class OnnxDetector:
     ) -> None:
         self._net = _network(path, input_px)
         self._path = path
-        self._names = tuple(names)
+        self._names = _names_of(path, tuple(names))
         self._input_px = input_px
         self._threshold = threshold
         self._overlap = overlap
         self._layout = layout
         # What its output has is known before a flight, too.
         self.detect(np.zeros((input_px[1], input_px[0], 3), np.uint8))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the detector's classes, in the order of its output."""
+        return self._names
 
     def detect(self, image_bgr: BgrImage) -> tuple[Detection, ...]:
         """Return the detections in a (height, width, 3) uint8 image, the highest score first.
@@ -116,12 +128,43 @@ class OnnxDetector:
         return self._names[kind]
 
 
+def _names_of(path: Path, given: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of a detector's classes, as given or as its file states them.
+
+    Raises DetectorError without either, and for names that contradict the file's: another number of
+    them, or one at the place of another.
+    """
+    stated = class_names(path)
+    if not given:
+        if not stated:
+            raise DetectorError(f"'{path.name}' does not state its classes; give names, in order")
+        return stated
+    has = f"'{path.name}' has the classes {_listed(stated)}"
+    if stated and len(given) != len(stated):
+        raise DetectorError(
+            f"{has} ({len(stated)}), and names has {len(given)}; name all of them in this order, "
+            "or leave names out"
+        )
+    for number, (name, own) in enumerate(zip(given, stated, strict=False)):
+        if name != own and name in stated:
+            raise DetectorError(
+                f"{has}: class {number} is '{own}', and '{name}' in names; name them in this "
+                "order, or leave names out"
+            )
+    return given
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    """Return the first names of a detector's classes as a text."""
+    return ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")
+
+
 def _network(path: Path, input_px: tuple[int, int]) -> Any:
     """Return the detector's network of an ONNX file. Raises DetectorError."""
     if not is_file(path):
         raise DetectorError(f"there is no file '{path.name}'")
     try:
-        refused = refusal(path, input_px)
+        refused = f"'{path.name}': {LFS_POINTER}" if is_lfs_file(path) else refusal(path, input_px)
         if refused:
             raise DetectorError(refused)
         net = cv2.dnn.readNetFromONNX(str(path))
@@ -198,8 +241,12 @@ def _layout_of(shape: tuple[int, ...], classes: int) -> Literal["v5", "v8", "end
     if shape[1] == 6:
         candidates.append("end2end")
     if not candidates:
+        # There are more candidates than numbers for each.
+        layout, there = ("v8", shape[0] - 4) if shape[0] < shape[1] else ("v5", shape[1] - 5)
+        fits = f"; as {layout} it has {there} classes: name all of them, in order"
         raise DetectorError(
             f"the output (1, {shape[0]}, {shape[1]}) has an unknown layout for {classes} classes"
+            + (fits if there > 0 else "")
         )
     if len(candidates) > 1:
         raise DetectorError(

@@ -2,14 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
 from types import MappingProxyType
-from typing import Any
 
 import cv2
 import numpy as np
 
-from vehicles.readings import BgrImage, Mask
+from wil_campaign.vehicles.perception.hsv_kernel import Limits, mark
+from wil_campaign.vehicles.readings import BgrImage, Mask
 
 FULL_CIRCLE_DEG = (0.0, 360.0)
 
@@ -82,30 +81,21 @@ class HsvMask:
             self._planes = [np.empty(shape, np.uint8) for _ in range(3)]
             self._mask, self._more = np.zeros(shape, np.uint8), np.empty(shape, np.uint8)
         cv2.split(image_bgr, self._planes)
-        planes = tuple(plane.reshape(-1) for plane in self._planes)
-        kernel = _kernel()
+        blue, green, red = (plane.reshape(-1) for plane in self._planes)
         for index, colors in enumerate(self.ranges):
             target = self._mask if index == 0 else self._more
-            kernel(planes, *_kernel_arguments(colors), target.reshape(-1))
+            mark((blue, green, red), *_kernel_arguments(colors), target.reshape(-1))
             if index:
                 cv2.bitwise_or(self._mask, self._more, dst=self._mask)
         return self._mask
 
 
-@cache
-def _kernel() -> Any:
-    """Return the compiled HSV kernel, imported late: numba takes 0.3 s."""
-    from vehicles.perception.hsv_kernel import mark  # noqa: PLC0415 - see above
-
-    return mark
-
-
-def _kernel_arguments(colors: HsvRange) -> tuple[tuple[np.float32, ...], bool, bool]:
+def _kernel_arguments(colors: HsvRange) -> tuple[Limits, bool, bool]:
     """Return an HSV range as arguments of the compiled kernel."""
     (hue_low, hue_high) = colors.hue_deg
-    limits = (
-        np.float32(round(hue_low * 10)),
-        np.float32(round(hue_high * 10)),
-        *(np.float32(round(limit * 255)) for limit in (*colors.saturation, *colors.value)),
+    pale, vivid, dark, bright = (
+        np.float32(round(limit * 255)) for limit in (*colors.saturation, *colors.value)
     )
+    low, high = np.float32(round(hue_low * 10)), np.float32(round(hue_high * 10))
+    limits = (low, high, pale, vivid, dark, bright)
     return limits, hue_low > hue_high, colors.hue_deg == FULL_CIRCLE_DEG

@@ -6,11 +6,10 @@ comparing hue, saturation and value multiplied out costs 0.5 ms, and has no roun
 would widen 32-bit integers to 64, which halves the speed.
 """
 
-from typing import Any
-
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from wil_campaign.worlds.jit import compiled
 
 Plane = NDArray[np.uint8]
 Limits = tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]
@@ -20,7 +19,8 @@ _NONE, _FOUR, _SIX = np.float32(0), np.float32(4), np.float32(6)
 _SIXTH, _FULL = np.float32(600), np.float32(255)
 
 
-def _mark(
+@compiled
+def mark(
     planes: tuple[Plane, Plane, Plane], limits: Limits, wraps: bool, any_hue: bool, out: Plane
 ) -> None:
     """Write 255 where a pixel lies within the HSV limits, else 0; planes: blue, green, red; flat.
@@ -51,6 +51,3 @@ def _mark(
             & (chroma * _FULL <= vivid * value)
         )
         out[i] = np.uint8(255) if inside else np.uint8(0)
-
-
-mark: Any = numba.njit(cache=True, nogil=True)(_mark)

@@ -10,9 +10,9 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from vehicles.errors import AnchorError
-from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
-from worlds.frames import Pose, Quat, Vec3, quat_multiply, wrap_pi
+from wil_campaign.vehicles.errors import AnchorError
+from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
+from wil_campaign.worlds.frames import Pose, Quat, Vec3, quat_multiply, wrap_pi
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from typing import Literal
 
-from worlds.frames import Pose, Vec3, add, scale
+from wil_campaign.worlds.frames import Pose, Vec3, add, scale
 
 PoseKind = Literal["interpolated", "predicted", "latest", "none"]
 

@@ -2,19 +2,23 @@
 
 import asyncio
 import contextlib
+import io
 import os
 import signal
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from vehicles.clocks.paced_loop import wall_timeout
-from vehicles.processes.identity import ProcessId, group_lives
-from vehicles.processes.linux import exit_descriptor
+from wil_campaign.vehicles.clocks.paced_loop import call_wall_later, wall_timeout
+from wil_campaign.vehicles.processes.fork_server import ForkedProcess, ForkServer
+from wil_campaign.vehicles.processes.identity import ProcessId, group_lives
+from wil_campaign.vehicles.processes.linux import exit_descriptor
 
 _GRACE_S = 3.0
 _KILL_GRACE_S = 2.0
 _POLL_S = 0.02
+_CODE_S = 5.0
+"""How long the exit code of a forked process that has ended may take."""
 _TAIL_LINES = 20
 _TAIL_BYTES = 4000
 _READ_BYTES = 1 << 16
@@ -49,11 +53,12 @@ class ChildProcess:
         self._output = output
         self._inherited = tuple(inherited)
         self._grace_s = grace_s
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: subprocess.Popen[bytes] | ForkedProcess | None = None
         self._id: ProcessId | None = None
         self._on_end: Callable[[ChildProcess], None] | None = None
         self._ended = asyncio.Event()
         self._exit_end: int | None = None
+        self._awaiting_code: asyncio.Handle | None = None
         self._stderr = b""
         self._group_ended = False
 
@@ -89,9 +94,8 @@ class ChildProcess:
         Call it in the main thread: Linux sends the parent-death signal when the thread that
         started the child ends.
         """
-        loop = asyncio.get_running_loop()
         own_output = subprocess.DEVNULL if self._output is None else self._output
-        self._process = process = subprocess.Popen(  # noqa: S603 - the program that was asked for
+        self._process = subprocess.Popen(  # noqa: S603 - the program that was asked for
             self._argv,
             bufsize=0,
             stdin=subprocess.DEVNULL if self._stdin is None else self._stdin,
@@ -102,6 +106,63 @@ class ChildProcess:
             pass_fds=self._inherited,
             start_new_session=True,
         )
+        self._watch(self._process, on_end)
+
+    async def start_by(
+        self, server: ForkServer | None, on_end: Callable[["ChildProcess"], None] | None = None
+    ) -> None:
+        """Start the child by a fork server if that forks its program, else as `start` does.
+
+        Its parent is that server, which a parent-death signal would be about. Raises OSError.
+        """
+        process = None
+        if server is not None and server.forks(self._argv):
+            process = await self._fork(server)
+        if process is None:
+            self.start(on_end)
+            return
+        self._process = process
+        self._watch(process, on_end)
+        try:
+            process.go()
+        except OSError:
+            self._signal(signal.SIGKILL)
+            self._forget()
+            raise
+
+    async def _fork(self, server: ForkServer) -> ForkedProcess | None:
+        """Return the child forked by a server; None where that cannot."""
+        with contextlib.ExitStack() as stack:
+            empty = os.open(os.devnull, os.O_RDWR)
+            stack.callback(os.close, empty)
+            stderr: io.FileIO | None = None
+            output = self._output
+            if output is None:
+                reading, output = os.pipe()
+                stack.callback(os.close, output)
+                stderr = io.FileIO(reading, "rb")  # `release` closes it
+            process = await server.fork(
+                self._argv,
+                environment=os.environ if self._environment is None else self._environment,
+                streams=(
+                    empty if self._stdin is None else self._stdin,
+                    empty if self._output is None else self._output,
+                    output,
+                ),
+                inherited=self._inherited,
+                stderr=stderr,
+            )
+            if process is None and stderr is not None:
+                stderr.close()
+        return process
+
+    def _watch(
+        self,
+        process: subprocess.Popen[bytes] | ForkedProcess,
+        on_end: Callable[["ChildProcess"], None] | None,
+    ) -> None:
+        """Watch the started child. Raises OSError."""
+        loop = asyncio.get_running_loop()
         self._on_end = on_end
         self._id = ProcessId.of(process.pid)
         if process.stderr is not None:
@@ -112,9 +173,9 @@ class ChildProcess:
         except OSError:
             process.kill()
             process.wait()
-            self.release()
+            self._forget()
             raise
-        loop.add_reader(self._exit_end, self._reap)
+        loop.add_reader(self._exit_end, self._on_exit)
 
     async def wait(self, timeout_s: float | None = None) -> int | None:
         """Wait for the child's end; return its exit code, None after `timeout_s`."""
@@ -147,6 +208,8 @@ class ChildProcess:
     def release(self) -> None:
         """Stop watching the child; a running one is not ended."""
         loop = asyncio.get_running_loop()
+        if isinstance(self._process, ForkedProcess):
+            self._await_no_code(self._process)
         if self._exit_end is not None:
             loop.remove_reader(self._exit_end)
             os.close(self._exit_end)
@@ -155,6 +218,12 @@ class ChildProcess:
             loop.remove_reader(self._process.stderr.fileno())
             self._process.stderr.close()
             self._process.stderr = None
+
+    def _forget(self) -> None:
+        """Count a child that was started and cannot be watched as ended: nobody may wait for it."""
+        self.release()
+        self._ended.set()
+        self._group_ended = True
 
     def _signal(self, number: signal.Signals) -> None:
         if self._process is not None and not self._group_ended:
@@ -172,9 +241,40 @@ class ChildProcess:
                 return True
         return False
 
+    def _on_exit(self) -> None:
+        """Reap the child, or await its exit code (called by the loop when it has ended)."""
+        process = self._process
+        if process is None or self._exit_end is None:
+            return
+        if process.poll() is None:
+            if not isinstance(process, ForkedProcess):
+                return
+            loop = asyncio.get_running_loop()
+            loop.remove_reader(self._exit_end)
+            loop.add_reader(process.fileno(), self._reap_forked)
+            self._awaiting_code = call_wall_later(_CODE_S, self._reap_forked)
+            return
+        self._reap()
+
+    def _reap_forked(self) -> None:
+        """Reap a forked child: its exit code has come, or its server is too slow."""
+        process = self._process
+        if isinstance(process, ForkedProcess):
+            self._await_no_code(process)
+            if process.poll() is None:
+                process.give_up()
+        self._reap()
+
+    def _await_no_code(self, process: ForkedProcess) -> None:
+        """Stop waiting for the exit code of a forked child."""
+        if self._awaiting_code is not None:
+            asyncio.get_running_loop().remove_reader(process.fileno())
+            self._awaiting_code.cancel()
+            self._awaiting_code = None
+
     def _reap(self) -> None:
-        """Reap the child (called by the loop when it has ended)."""
-        if self._process is None or self._process.poll() is None or self._exit_end is None:
+        """Take note of the child's end."""
+        if self._exit_end is None:
             return
         asyncio.get_running_loop().remove_reader(self._exit_end)
         os.close(self._exit_end)

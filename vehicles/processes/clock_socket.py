@@ -11,10 +11,10 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 
-from vehicles.clocks.paced_loop import PacedLoop
-from vehicles.clocks.progress import ProgressReporter
-from vehicles.clocks.sim_clock_controller import Segment
-from vehicles.processes.codec import Codec, Finite, Message, MessageError
+from wil_campaign.vehicles.clocks.paced_loop import PacedLoop
+from wil_campaign.vehicles.clocks.progress import ProgressReporter
+from wil_campaign.vehicles.clocks.sim_clock_controller import Segment
+from wil_campaign.vehicles.processes.codec import Codec, Finite, Message, MessageError
 
 CLOCK_DESCRIPTOR = "WIL_CAMPAIGN_CLOCK"
 """The environment variable with the file descriptor of a child's end."""

@@ -2,12 +2,15 @@
 
 import contextlib
 import ctypes
+import math
 import os
 import resource
 import signal
 import socket
 import struct
 import sys
+import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
@@ -39,6 +42,21 @@ def adopt_orphans() -> None:
     _prctl(_PR_SET_CHILD_SUBREAPER, 1, "the adoption of orphaned processes")
 
 
+def show_command(argv: Sequence[str]) -> None:
+    """Have /proc show a command line as that of this process (Linux).
+
+    It replaces the words that the process was started with where they stand in memory, by
+    arg_start and arg_end of proc_pid_stat(5), if there is room; spaces fill the rest.
+    """
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
+        begin, end = int(fields[45]), int(fields[46])
+        words = b"\0".join(map(os.fsencode, argv))
+        room = end - begin - 1
+        if begin and len(words) <= room:
+            ctypes.memmove(begin, words.ljust(room) + b"\0", room + 1)
+
+
 def exit_descriptor(pid: int) -> int:
     """Return a Linux file descriptor that is readable when a process has ended.
 
@@ -59,10 +77,66 @@ def peer_uid(end: socket.socket) -> int:
 
 
 def usable_cores() -> int:
-    """Return how many cores this process may use; on other systems than Linux all cores."""
+    """Return how many cores this process may use, as a container grants them.
+
+    The least of its affinity and of the quota of its control group, of which a started core does
+    not count; at least 1. On other systems than Linux all cores.
+    """
     if not sys.platform.startswith("linux"):
         return os.cpu_count() or 1
-    return len(os.sched_getaffinity(0))
+    return max(1, int(min(len(os.sched_getaffinity(0)), cpu_quota())))
+
+
+def cpu_quota(
+    own: Path = Path("/proc/self/cgroup"), mounted: Path = Path("/sys/fs/cgroup")
+) -> float:
+    """Return how many CPUs the control groups of this process may use; infinity without a quota.
+
+    own: the groups of the process; mounted: the folder of all groups. The least of a group and of
+    those above it, by cpu.max of version 2 (cgroup-v2.rst of Linux), or cpu.cfs_quota_us and
+    cpu.cfs_period_us of version 1. A container may see the path that its group has on the host,
+    where it has its group itself as the uppermost.
+    """
+    least = math.inf
+    with contextlib.suppress(OSError):
+        for line in own.read_text().splitlines():
+            _, _, rest = line.partition(":")
+            controllers, _, path = rest.partition(":")
+            if not controllers:
+                least = min(least, _least_quota(mounted, path))
+            elif "cpu" in controllers.split(","):
+                for name in {"cpu", controllers}:
+                    least = min(least, _least_quota(mounted / name, path))
+    return least
+
+
+def _least_quota(top: Path, path: str) -> float:
+    """Return the least quota of a control group and of those above it, in CPUs."""
+    group = top / path.lstrip("/")
+    folders = [one for one in (group, *group.parents) if one.is_relative_to(top)]
+    return min(map(_quota_of, folders), default=math.inf)
+
+
+def _quota_of(group: Path) -> float:
+    """Return the quota of one control group in CPUs; infinity where it has none."""
+    with contextlib.suppress(OSError, ValueError, ZeroDivisionError):
+        quota, period = (group / "cpu.max").read_text().split()
+        return int(quota) / int(period)
+    with contextlib.suppress(OSError, ValueError, ZeroDivisionError):
+        quota, period = ((group / f"cpu.cfs_{one}_us").read_text() for one in ("quota", "period"))
+        return int(quota) / int(period) if int(quota) > 0 else math.inf
+    return math.inf
+
+
+def memory_descriptor(name: str) -> int:
+    """Return a descriptor of memory that processes may share; elsewhere of a file without a name.
+
+    name: as /proc shows it.
+    """
+    if hasattr(os, "memfd_create"):
+        return os.memfd_create(name)
+    with tempfile.TemporaryFile() as file:
+        return os.dup(file.fileno())
 
 
 def processor_wait_s(pid: int) -> float:

@@ -1,8 +1,8 @@
 """Runs one program and ends it, with all its descendants, on a signal or when its parent ends.
 
-A program of its own: `python -m vehicles.processes.supervisor PARENT SECONDS FOLDER PROGRAM
-ARGUMENT...`, see `supervised`. It survives the orchestrator's death, and adopts descendants that
-moved into a session of their own, so that it can end them, too.
+A program of its own: `python -m wil_campaign.vehicles.processes.supervisor PARENT SECONDS FOLDER
+PROGRAM ARGUMENT...`, see `supervised`. It survives the orchestrator's death, and adopts descendants
+that moved into a session of their own, so that it can end them, too.
 """
 
 import contextlib
@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import psutil
 
-from vehicles.processes.linux import adopt_orphans, die_with_parent
+from wil_campaign.vehicles.processes.linux import adopt_orphans, die_with_parent
 
 _ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 _NOT_STARTED = 127
@@ -31,7 +31,7 @@ def supervised(
     of its stdin instead. grace_s: how long the program may take to end after SIGTERM. folder: its
     working directory, with its output in `output.txt`; empty to inherit both.
     """
-    supervisor = (sys.executable, "-P", "-m", "vehicles.processes.supervisor")
+    supervisor = (sys.executable, "-P", "-m", "wil_campaign.vehicles.processes.supervisor")
     return (*supervisor, str(parent), f"{grace_s:g}", folder, *argv)
 
 

@@ -6,7 +6,7 @@ name under which its vehicle carries it ("" where nobody said). Arrays in a read
 never written to after construction.
 """
 
-from vehicles.readings.images import (
+from wil_campaign.vehicles.readings.images import (
     BgrImage,
     CameraReading,
     DepthImage,
@@ -15,9 +15,15 @@ from vehicles.readings.images import (
     Mask,
     Source,
 )
-from vehicles.readings.kinds import SENSOR_TYPES, Reading, SensorType, end_s, sensor_type_of
-from vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
-from vehicles.readings.ranging import (
+from wil_campaign.vehicles.readings.kinds import (
+    SENSOR_TYPES,
+    Reading,
+    SensorType,
+    end_s,
+    sensor_type_of,
+)
+from wil_campaign.vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
+from wil_campaign.vehicles.readings.ranging import (
     LidarPointsReading,
     LidarScanReading,
     ObjectIds,
@@ -25,7 +31,7 @@ from vehicles.readings.ranging import (
     RangefinderReading,
     Ranges,
 )
-from vehicles.readings.sound import MicrophoneReading, samples_from_pressure
+from wil_campaign.vehicles.readings.sound import MicrophoneReading, samples_from_pressure
 
 __all__ = [
     "SENSOR_TYPES",

@@ -12,14 +12,18 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.readings.images import CameraReading, DepthReading
-from vehicles.readings.kinds import Reading
-from vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
-from vehicles.readings.numbers import number_fields
-from vehicles.readings.ranging import LidarPointsReading, LidarScanReading, RangefinderReading
-from vehicles.readings.sound import MicrophoneReading
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
+from wil_campaign.vehicles.readings.images import CameraReading, DepthReading
+from wil_campaign.vehicles.readings.kinds import Reading
+from wil_campaign.vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
+from wil_campaign.vehicles.readings.numbers import number_fields
+from wil_campaign.vehicles.readings.ranging import (
+    LidarPointsReading,
+    LidarScanReading,
+    RangefinderReading,
+)
+from wil_campaign.vehicles.readings.sound import MicrophoneReading
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 FaultKind = Literal[
     "time",

@@ -5,8 +5,8 @@ from typing import Any, get_type_hints
 
 import numpy as np
 
-from vehicles.readings.kinds import Reading
-from vehicles.readings.navigation import PoseReading
+from wil_campaign.vehicles.readings.kinds import Reading
+from wil_campaign.vehicles.readings.navigation import PoseReading
 
 
 def copied(reading: Reading) -> Reading:

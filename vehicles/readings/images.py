@@ -6,8 +6,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 Source = Literal["real", "twin", "mixed"]
 BgrImage = NDArray[np.uint8]

@@ -4,10 +4,14 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Literal
 
-from vehicles.readings.images import CameraReading, DepthReading
-from vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
-from vehicles.readings.ranging import LidarPointsReading, LidarScanReading, RangefinderReading
-from vehicles.readings.sound import MicrophoneReading
+from wil_campaign.vehicles.readings.images import CameraReading, DepthReading
+from wil_campaign.vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
+from wil_campaign.vehicles.readings.ranging import (
+    LidarPointsReading,
+    LidarScanReading,
+    RangefinderReading,
+)
+from wil_campaign.vehicles.readings.sound import MicrophoneReading
 
 Reading = (
     CameraReading

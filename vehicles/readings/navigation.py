@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from vehicles.readings.images import Source
-from worlds.frames import Pose, Vec3
+from wil_campaign.vehicles.readings.images import Source
+from wil_campaign.worlds.frames import Pose, Vec3
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.readings.images import Source
-from worlds.frames import Pose
+from wil_campaign.vehicles.readings.images import Source
+from wil_campaign.worlds.frames import Pose
 
 AT_BODY = Pose((0.0, 0.0, 0.0))
 """A sensor in the body's origin that looks along the body's axes."""

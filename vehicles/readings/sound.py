@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.readings.images import Source
+from wil_campaign.vehicles.readings.images import Source
 
 SAMPLE_STEPS = 32768
 """Steps of 16-bit sound from silence to full scale."""

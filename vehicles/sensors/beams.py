@@ -7,8 +7,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.readings import ObjectIds, Ranges
-from worlds.frames import Pose
+from wil_campaign.vehicles.readings import ObjectIds, Ranges
+from wil_campaign.worlds.frames import Pose
 
 Directions = NDArray[np.float64]
 

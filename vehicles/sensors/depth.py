@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.readings import CameraReading, DepthImage, DepthReading
-from vehicles.sensors.noise_sets import NoiseSets
+from wil_campaign.vehicles.readings import CameraReading, DepthImage, DepthReading
+from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
 
 _SPARE_PX = 64
 """By how much the noise tile exceeds the image: each image takes another offset in it."""

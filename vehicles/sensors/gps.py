@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vehicles.readings import GpsReading, Source
-from vehicles.sensors.gauss_markov import GaussMarkovWalk
-from vehicles.sensors.noise_sets import NoiseSets
-from vehicles.sensors.timing import Timing
-from vehicles.sensors.truth import Truth
-from worlds.geodesy import LocalFrame
+from wil_campaign.vehicles.readings import GpsReading, Source
+from wil_campaign.vehicles.sensors.gauss_markov import GaussMarkovWalk
+from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
+from wil_campaign.vehicles.sensors.timing import Timing
+from wil_campaign.vehicles.sensors.truth import Truth
+from wil_campaign.worlds.geodesy import LocalFrame
 
 _CEP_PER_SIGMA = math.sqrt(2.0 * math.log(2.0))
 """Half of a circular normal distribution lies within this many standard deviations."""

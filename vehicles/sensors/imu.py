@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vehicles.readings import ImuReading, Source
-from vehicles.sensors.gauss_markov import GaussMarkovWalk
-from vehicles.sensors.noise_sets import NoiseSets
-from vehicles.sensors.timing import Timing
-from vehicles.sensors.truth import Truth
-from worlds.frames import Vec3
+from wil_campaign.vehicles.readings import ImuReading, Source
+from wil_campaign.vehicles.sensors.gauss_markov import GaussMarkovWalk
+from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
+from wil_campaign.vehicles.sensors.timing import Timing
+from wil_campaign.vehicles.sensors.truth import Truth
+from wil_campaign.worlds.frames import Vec3
 
 
 @dataclass(frozen=True, slots=True)

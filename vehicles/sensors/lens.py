@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.cameras.rendered_cameras import ImageSource, RenderedImage
-from vehicles.readings import BgrImage, DepthImage, IdImage
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
+from wil_campaign.vehicles.cameras.rendered_cameras import ImageSource, RenderedImage
+from wil_campaign.vehicles.readings import BgrImage, DepthImage, IdImage
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 _MARGIN_PX = 2
 _MOST_TIMES_WIDER = 4.0

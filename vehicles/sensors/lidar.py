@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vehicles.readings import (
+from wil_campaign.vehicles.readings import (
     LidarPointsReading,
     LidarScanReading,
     RangefinderReading,
     Source,
 )
-from vehicles.sensors.beams import (
+from wil_campaign.vehicles.sensors.beams import (
     RangeNoise,
     RayCaster,
     cone_directions,
@@ -19,10 +19,10 @@ from vehicles.sensors.beams import (
     grid_directions,
     plane_directions,
 )
-from vehicles.sensors.noise_sets import NoiseSets
-from vehicles.sensors.timing import Timing
-from vehicles.sensors.truth import Truth
-from worlds.frames import Pose
+from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
+from wil_campaign.vehicles.sensors.timing import Timing
+from wil_campaign.vehicles.sensors.truth import Truth
+from wil_campaign.worlds.frames import Pose
 
 AT_BODY = Pose((0.0, 0.0, 0.0))
 LOOKING_DOWN = Pose.of(0.0, 0.0, 0.0, pitch_rad=-math.pi / 2.0)

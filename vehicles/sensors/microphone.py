@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.readings import MicrophoneReading, Source, samples_from_pressure
-from vehicles.sensors.noise_sets import NoiseSets
-from vehicles.sensors.truth import Truth
+from wil_campaign.vehicles.readings import MicrophoneReading, Source, samples_from_pressure
+from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
+from wil_campaign.vehicles.sensors.truth import Truth
 
 REFERENCE_PA = 20.0e-6
 """0 dB of sound pressure level."""

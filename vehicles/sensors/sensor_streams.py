@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from vehicles.cameras.rendered_cameras import (
+from wil_campaign.vehicles.cameras.rendered_cameras import (
     Compute,
     ImageSource,
     deliver_when_due,
@@ -15,13 +15,13 @@ from vehicles.cameras.rendered_cameras import (
     next_tick,
     sleep_until,
 )
-from vehicles.readings import CameraReading, DepthReading, PoseReading, Reading, Source
-from vehicles.sensors.depth import DepthSensor
-from vehicles.sensors.timing import Timing
-from vehicles.sensors.truth import Truth
-from vehicles.sensors.truth_history import TruthHistory
-from worlds.camera import CameraMount, Intrinsics
-from worlds.frames import Pose
+from wil_campaign.vehicles.readings import CameraReading, DepthReading, PoseReading, Reading, Source
+from wil_campaign.vehicles.sensors.depth import DepthSensor
+from wil_campaign.vehicles.sensors.timing import Timing
+from wil_campaign.vehicles.sensors.truth import Truth
+from wil_campaign.vehicles.sensors.truth_history import TruthHistory
+from wil_campaign.worlds.camera import CameraMount, Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 Deliver = Callable[[Reading], None]
 

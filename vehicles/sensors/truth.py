@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from worlds.frames import Pose, Vec3
+from wil_campaign.worlds.frames import Pose, Vec3
 
 THRUST_PER_SPEED_SQUARED_N_S2 = 5.57e-6
 """Newtons of one rotor per (rad/s)^2: AscTec Hummingbird, 6.11e-8 N/rpm^2 (Michael, Mellinger,

@@ -3,9 +3,9 @@
 from bisect import bisect_right
 from dataclasses import replace
 
-from vehicles.embedded.physics.states import TruthSample
-from vehicles.sensors.truth import Truth, motor_speeds
-from worlds.frames import Pose, Vec3, add, scale
+from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.sensors.truth import Truth, motor_speeds
+from wil_campaign.worlds.frames import Pose, Vec3, add, scale
 
 _HORIZON_S = 1.0
 _MAX_GAP_S = 0.2

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from vehicles.cameras.rendered_cameras import RenderedImage
-from vehicles.sensors.beams import Directions, RayHits
-from worlds.camera import Intrinsics
-from worlds.frames import Pose, matrix_from_quat
-from worlds.rays.raycast import RayCaster
-from worlds.render.renderer import Renderer
-from worlds.scene.scene import Scene
+from wil_campaign.vehicles.cameras.rendered_cameras import RenderedImage
+from wil_campaign.vehicles.sensors.beams import Directions, RayHits
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose, matrix_from_quat
+from wil_campaign.worlds.rays.raycast import RayCaster
+from wil_campaign.worlds.render.renderer import Renderer
+from wil_campaign.worlds.scene.scene import Scene
 
 
 class WorldImages:

@@ -4,9 +4,9 @@ from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from typing import Literal, Protocol, Self, TypeVar, runtime_checkable
 
-from vehicles.errors import VehicleError
-from vehicles.readings import CameraReading, Reading
-from worlds.camera import Intrinsics
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.readings import CameraReading, Reading
+from wil_campaign.worlds.camera import Intrinsics
 
 SourceKind = Literal["live", "file"]
 R_co = TypeVar("R_co", bound=Reading, covariant=True)

@@ -1,6 +1,6 @@
 """The reference simulator: an example of a bridge for Unity, Unreal, Gazebo or your own engine.
 
-    python -m vehicles.sources.reference_simulator --world worlds/gate.yaml \
+    python -m wil_campaign.vehicles.sources.reference_simulator --world worlds/gate.yaml \
         --bind tcp://127.0.0.1:5555
 
 It needs a REP socket of ZeroMQ and MessagePack, and of this program only the renderer, which is
@@ -16,13 +16,13 @@ import msgpack  # type: ignore[import-untyped]  # ships no types
 import numpy as np
 import zmq
 
-from vehicles.sources.simulator.shown_world import packed_objects, shown_objects
-from worlds.camera import Intrinsics
-from worlds.files.documents import BadInput, load
-from worlds.frames import Pose
-from worlds.render.renderer import Renderer
-from worlds.scene.scene import Scene
-from worlds.world_file.world import World
+from wil_campaign.vehicles.sources.simulator.shown_world import packed_objects, shown_objects
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.files.documents import BadInput, load
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.render.renderer import Renderer
+from wil_campaign.worlds.scene.scene import Scene
+from wil_campaign.worlds.world_file.world import World
 
 PROTOCOL = "wil/pictures/1"
 

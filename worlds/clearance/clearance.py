@@ -13,18 +13,23 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from worlds.clearance.distance import Body, BodySolid, Gap, PartSolid
-from worlds.frames import AT_ORIGIN, Pose, Vec3, angle_between
-from worlds.scene.motion import Travel
-from worlds.scene.parts import BoxShape, SphereShape
-from worlds.scene.scene import NO_EVENTS, Placed, RigidBody, Scene, SceneObject
+from wil_campaign.worlds.clearance.distance import Body, BodySolid, Gap, PartSolid
+from wil_campaign.worlds.frames import AT_ORIGIN, Pose, Vec3, angle_between
+from wil_campaign.worlds.scene.motion import Travel
+from wil_campaign.worlds.scene.parts import BoxShape, SphereShape
+from wil_campaign.worlds.scene.scene import NO_EVENTS, Placed, RigidBody, Scene, SceneObject
 
-__all__ = ["Body", "BoxShape", "Clearance", "ClearanceProbe", "SphereShape"]
+__all__ = ["GROUND", "Body", "BoxShape", "Clearance", "ClearanceProbe", "SphereShape"]
+
+GROUND = "the ground"
+"""The name under which `ClearanceProbe.above` reports the ground, a floor without an end."""
 
 TOLERANCE_M = 2e-4
 _SHORTEST = 2.0**-30
 """Fraction of a stretch: shorter parts are not halved again, even if a pose jumps in them."""
 _Key = tuple[str, bool]
+_GROUND_KEY: _Key = (GROUND, True)
+_UP: Vec3 = (0.0, 0.0, -1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +69,7 @@ class ClearanceProbe:
         within_m: float = 2.0,
     ) -> None:
         self._body = BodySolid(body)
+        self.ground_down_m: float | None = None
         self.within_m = within_m
         self._targets = [
             target
@@ -83,6 +89,15 @@ class ClearanceProbe:
         farther = copy.copy(self)
         farther.within_m = distance_m
         return farther
+
+    def above(self, ground_down_m: float) -> "ClearanceProbe":
+        """Return a probe of the same body and scene that reports a level ground as well.
+
+        ground_down_m: its height, NED. A floor of a room that is as near is reported in its place.
+        """
+        grounded = copy.copy(self)
+        grounded.ground_down_m = ground_down_m
+        return grounded
 
     def load_kernels(self) -> None:
         """Load or compile the kernels that the scene's parts need, wherever they are.
@@ -128,7 +143,21 @@ class ClearanceProbe:
                     found[target.key] = clearance
                     if only_least:
                         within_m = clearance.clearance_m
+        if self.ground_down_m is not None:
+            known_m = [one.clearance_m for one in found.values() if one.is_floor]
+            limit_m = within_m if below_m is None else below_m.get(_GROUND_KEY, within_m)
+            ground = self._over_ground(stretch, self.ground_down_m)
+            if ground.clearance_m < min(limit_m, within_m, *known_m):
+                found[_GROUND_KEY] = ground
         return tuple(found.values())
+
+    def _over_ground(self, stretch: "_Stretch", ground_down_m: float) -> Clearance:
+        """Return the least clearance to the level ground on a stretch, which one end has."""
+        ends = ((stretch.pose_0, stretch.t_0_s), (stretch.pose_1, stretch.t_1_s))
+        clearance_m, at_s = min(
+            (max(0.0, ground_down_m + self._body.depth_m(pose, _UP)), t_s) for pose, t_s in ends
+        )
+        return Clearance(GROUND, "", clearance_m, at_s, is_floor=True)
 
 
 class _Stretch:

@@ -9,11 +9,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from worlds.clearance.gjk import PRECISION_M, posed_distance
-from worlds.clearance.surfaces import TriangleTree, surface_distance, swept_beyond, triangle_tree
-from worlds.frames import Pose, Quat, Vec3, matrix_from_quat, quat_conjugate, rotate
-from worlds.scene.meshes import FloatArray, vec3
-from worlds.scene.parts import BoxShape, Part, PartShape, SphereShape, SurfaceShape
+from wil_campaign.worlds.clearance.gjk import PRECISION_M, posed_distance
+from wil_campaign.worlds.clearance.surfaces import (
+    TriangleTree,
+    surface_distance,
+    swept_beyond,
+    triangle_tree,
+)
+from wil_campaign.worlds.frames import Pose, Quat, Vec3, matrix_from_quat, quat_conjugate, rotate
+from wil_campaign.worlds.scene.meshes import FloatArray, vec3
+from wil_campaign.worlds.scene.parts import BoxShape, Part, PartShape, SphereShape, SurfaceShape
 
 Body = BoxShape | SphereShape
 """A vehicle's body for contact: a box (half extents FRD, metres) or a ball."""

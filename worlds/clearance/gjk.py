@@ -8,7 +8,7 @@ gives distances that are off by a quarter where boxes are parallel, which hoveri
 
 import numpy as np
 
-from worlds.jit import F64, Float, Int, compiled
+from wil_campaign.worlds.jit import F64, Float, Int, compiled
 
 PRECISION_M = 1e-7
 _MOST_STEPS = 100

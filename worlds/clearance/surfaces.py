@@ -2,16 +2,16 @@
 
 The tree is a pyramid over triangles sorted along a Morton curve (Lauterbach and others 2009):
 node k has children 2 k and 2 k + 1, the leaves hold LEAF triangles each. Distances to triangles
-are those of worlds.clearance.gjk, with their proof; boxes only leave out what is farther.
+are those of worlds/clearance/gjk.py, with their proof; boxes only leave out what is farther.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from worlds.clearance.gjk import PRECISION_M, Vector, convex_distance, placed
-from worlds.jit import F64, Float, compiled
-from worlds.scene.meshes import FloatArray, IntArray
+from wil_campaign.worlds.clearance.gjk import PRECISION_M, Vector, convex_distance, placed
+from wil_campaign.worlds.jit import F64, Float, compiled
+from wil_campaign.worlds.scene.meshes import FloatArray, IntArray
 
 LEAF = 4
 _CELLS = 1023

@@ -5,22 +5,26 @@ report what else is wrong with `Document.problem`.
 """
 
 import json
+import re
 import stat
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from worlds.files.model_keys import Path
-from worlds.files.problems import BadInput, Problem, closest, closest_file
-from worlds.files.validation import KeyFaultError, Part, describe, faults_of
-from worlds.files.yaml_nodes import (
+from wil_campaign.worlds.files.model_keys import Path
+from wil_campaign.worlds.files.paths import require_utf8
+from wil_campaign.worlds.files.problems import BadInput, Problem, closest, closest_file
+from wil_campaign.worlds.files.validation import KeyFaultError, Part, describe, faults_of
+from wil_campaign.worlds.files.yaml_nodes import (
     MAX_DEPTH,
     Data,
     Entry,
     Node,
     Place,
+    Scalar,
     Source,
     mapping_node,
     parse_nodes,
@@ -44,6 +48,8 @@ __all__ = [
     "load",
     "parse",
     "parse_value",
+    "read_limited",
+    "rows_document",
 ]
 
 MAX_BYTES = 1_000_000
@@ -167,10 +173,23 @@ def load(path: FilePath, name: str | None = None, *, json: bool = False) -> Docu
     json: the file is JSON, which allows tabs between its tokens; the rest of JSON is YAML.
 
     Raises BadInput, with every problem found, for a file that is missing, unreadable, too big,
-    not UTF-8 or not YAML, and for what `parse` refuses.
+    not UTF-8 (its path, too) or not YAML, and for what `parse` refuses.
     """
     source = Source(name if name is not None else str(path))
+    content = read_limited(path, source.name)
+    if json:
+        content = content.replace(b"\t", b" ")
+    return parse(content, name=source.name, path=path)
+
+
+def read_limited(path: FilePath, name: str) -> bytes:
+    """Return the bytes of a document's file. name: what to call it in messages.
+
+    Raises BadInput for a file that is missing, unreadable or too big.
+    """
+    source = Source(name)
     try:
+        require_utf8(path)
         if not stat.S_ISREG(path.stat().st_mode):
             raise BadInput([Place(source).problem("is not a file")])
         with path.open("rb") as stream:
@@ -180,9 +199,7 @@ def load(path: FilePath, name: str | None = None, *, json: bool = False) -> Docu
         raise BadInput([Place(source).problem(f"cannot be read: {reason or error}")]) from error
     if len(content) > MAX_BYTES:
         raise BadInput([Place(source).problem(f"is larger than {MAX_BYTES} bytes")])
-    if json:
-        content = content.replace(b"\t", b" ")
-    return parse(content, name=source.name, path=path)
+    return content
 
 
 def parse(content: bytes, *, name: str, path: FilePath | None = None) -> Document:
@@ -200,6 +217,29 @@ def parse(content: bytes, *, name: str, path: FilePath | None = None) -> Documen
         message = f"the top level must be a mapping, is {describe(plain(root))}"
         raise BadInput([root.place.problem(message)])
     return Document(path if path is not None else FilePath(name), root)
+
+
+def rows_document(
+    content: bytes, *, name: str, key: str, value: Callable[[str], Scalar]
+) -> Document:
+    """Return a document of the rows of a text after its first line: lists of their words, at a key.
+
+    value: of a word. Raises BadInput for what is not UTF-8.
+    """
+    text = _decode(content, Source(name))
+    source = Source(name, tuple(text.splitlines()))
+    rows = []
+    for number, line in enumerate(source.lines[1:], start=2):
+        words = tuple(
+            Node(value(found[0]), Place(source, number, found.start() + 1))
+            for found in re.finditer(r"\S+", line)
+        )
+        if words:
+            rows.append(sequence_node(words, Place(source, number, 1)))
+    top = Place(source, 1, 1)
+    return Document(
+        FilePath(name), mapping_node({key: Entry(top, sequence_node(tuple(rows), top))}, top)
+    )
 
 
 def parse_value(text: str, *, name: str) -> Entry:

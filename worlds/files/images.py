@@ -1,6 +1,6 @@
 """Reads image files, after a check of the size that their headers state.
 
-Supported are PNG, JPEG, BMP, TIFF, WebP and PNM; OpenCV decodes them.
+Supported are PNG, JPEG, BMP, TIFF, WebP and PNM, which OpenCV decodes; of meshes also TGA.
 """
 
 import re
@@ -13,8 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from worlds.files.limits import MAX_IMAGE_BYTES, MAX_IMAGE_PIXELS
-from worlds.files.paths import is_file
+from wil_campaign.worlds.files.lfs import LFS_POINTER, is_lfs_pointer
+from wil_campaign.worlds.files.limits import MAX_IMAGE_BYTES, MAX_IMAGE_PIXELS
+from wil_campaign.worlds.files.paths import is_file
 
 Size = tuple[int, int]
 """Width and height, in pixels."""
@@ -44,6 +45,8 @@ def decode_image(data: bytes, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any]:
     if len(data) > MAX_IMAGE_BYTES:
         raise ImageError(f"it is larger than {MAX_IMAGE_BYTES} bytes")
     size = image_size(data)
+    if size is None and is_lfs_pointer(data):
+        raise ImageError(LFS_POINTER)
     if size is None:
         raise ImageError("not a PNG, JPEG, BMP, TIFF, WebP or PNM image")
     check_pixels(*size)
@@ -54,6 +57,24 @@ def decode_image(data: bytes, flags: int = cv2.IMREAD_COLOR) -> NDArray[Any]:
     if image is None:
         raise ImageError("it is damaged")
     return image
+
+
+def read_tga(path: Path) -> NDArray[np.uint8]:
+    """Return the pixels of a TGA file, (height, width, 4), BGR and alpha.
+
+    Such a file does not begin with a mark of its own: its name says what it is. Raises ImageError;
+    OSError when the file cannot be read.
+    """
+    # Only meshes have such images.
+    from PIL import Image  # noqa: PLC0415
+
+    try:
+        with Image.open(path, formats=["TGA"]) as image:
+            check_pixels(*image.size)
+            rgba = np.asarray(image.convert("RGBA"))
+    except (ValueError, SyntaxError, IndexError, struct.error) as error:
+        raise error if isinstance(error, ImageError) else ImageError("it is damaged") from error
+    return rgba[:, :, [2, 1, 0, 3]]
 
 
 def check_pixels(width_px: int, height_px: int) -> None:

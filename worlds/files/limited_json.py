@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from worlds.files.limits import MAX_MESSAGE_VALUES, MAX_RESULTS_BYTES
+from wil_campaign.worlds.files.limits import MAX_MESSAGE_VALUES, MAX_RESULTS_BYTES
 
 
 class JsonLimitError(ValueError):

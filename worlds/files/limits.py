@@ -9,6 +9,8 @@ MAX_IMAGE_PIXELS = 40_000_000
 """Of a decoded image or a frame of a video: 7680 x 5200."""
 MAX_MESH_BYTES = 200_000_000
 """Of a mesh file, and of each file that it names."""
+MAX_MESH_PARENTS = 3
+"""Folders above a mesh file in which files may lie that it names."""
 MAX_MESH_FACES = 500_000
 """Of all instances of all meshes of a file."""
 MAX_MESH_VALUES = 6_000_000

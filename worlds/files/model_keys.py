@@ -5,7 +5,7 @@ import typing
 
 from pydantic import BaseModel
 
-from worlds.files.yaml_nodes import Data
+from wil_campaign.worlds.files.yaml_nodes import Data
 
 Path = tuple[str | int, ...]
 

@@ -1,7 +1,5 @@
 """Loads user code by references `file.py:Name`, relative to the file that names it."""
 
-import hashlib
-import importlib.util
 import signal
 import sys
 import threading
@@ -11,10 +9,11 @@ from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from types import ModuleType
 
-from worlds.files.documents import closest, closest_file
-from worlds.files.paths import is_file, is_folder
+from wil_campaign.worlds.files.documents import closest, closest_file
+from wil_campaign.worlds.files.paths import is_file, is_folder
+from wil_campaign.worlds.files.user_modules import own_file, plain, user_folder
 
-_PREFIX = "wil_user_"
+_OURS = "wil_campaign"
 _LOADING = threading.RLock()
 """One file is loaded at a time: a module is in `sys.modules` before it is complete."""
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -39,16 +38,17 @@ def load_reference(text: str, folder: Path, *, beside: str = "the campaign") -> 
 
     beside: what messages call the file that has the reference.
 
-    The file is run once in a process (see `forget_loaded`), and no bytecode is written; its output
-    goes to stderr, because stdout may carry a document of this program. Raises
-    BadReferenceError, with the line of the user's file that failed.
+    The file is run once in a process (see `forget_user_modules`), and no bytecode is written; its
+    output goes to stderr, because stdout may carry a document of this program. It imports what
+    stands beside it. Raises BadReferenceError, with the line of the user's file that failed.
     """
     file, colon, name = text.rpartition(":")
     if not colon or not file.endswith(".py") or not name.isidentifier():
         raise BadReferenceError(f"'{text}' is not of the form file.py:Name")
     path = (folder / file).resolve()
     if not is_file(path):
-        raise BadReferenceError(f"there is no file '{file}' beside {beside}", _sibling(path))
+        raise BadReferenceError(_missing_text(path, file, beside), _sibling(path))
+    _require_free_name(path)
     with _LOADING:
         module = _load_module(path)
     found = getattr(module, name, None)
@@ -58,10 +58,28 @@ def load_reference(text: str, folder: Path, *, beside: str = "the campaign") -> 
     return found
 
 
-def forget_loaded() -> None:
-    """Forget loaded user files, so that the next reference runs them anew."""
-    for name in [name for name in sys.modules if name.startswith(_PREFIX)]:
-        del sys.modules[name]
+def _missing_text(path: Path, file: str, beside: str) -> str:
+    """Return why a referenced file is not there: the system's reason where it has one."""
+    try:
+        path.stat()
+    except FileNotFoundError:
+        return f"there is no file '{file}' beside {beside}"
+    except OSError as error:
+        return f"'{file}' beside {beside} cannot be read: {error.strerror}"
+    return f"'{file}' beside {beside} is no file"
+
+
+def _require_free_name(path: Path) -> None:
+    """Raise BadReferenceError where a user's module has the name of this program.
+
+    Of the two, the user's files could import only one.
+    """
+    for taken in (path.parent / f"{_OURS}.py", path.parent / _OURS / "__init__.py"):
+        if is_file(taken) and own_file(str(taken)) is not None:
+            raise BadReferenceError(
+                f"'{taken.relative_to(path.parent)}' beside '{path.name}' has the name of this "
+                "program, which your files import: rename it"
+            )
 
 
 def _sibling(path: Path) -> str:
@@ -78,26 +96,16 @@ def _is_own(value: object, module: ModuleType) -> bool:
 
 def _load_module(path: Path) -> ModuleType:
     """Return the module of a referenced file, run at most once."""
-    name = f"{_PREFIX}{path.stem}_{hashlib.sha256(bytes(path)).hexdigest()[:12]}"
-    if name in sys.modules:
-        return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise BadReferenceError(f"'{path.name}' cannot be loaded as Python")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
     wrote, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         with _restored_signals(), redirect_stdout(sys.stderr):
-            spec.loader.exec_module(module)
+            return user_folder(path.parent).load(path.stem)
     except (Exception, SystemExit) as error:
-        del sys.modules[name]
         raise BadReferenceError(
             f"'{path.name}' cannot be loaded: {_error_text(error, path)}"
         ) from error
     finally:
         sys.dont_write_bytecode = wrote
-    return module
 
 
 @contextmanager
@@ -116,10 +124,17 @@ def _restored_signals() -> Iterator[None]:
 
 
 def _error_text(error: BaseException, path: Path) -> str:
-    """Return an import error of a referenced file with the user's line that led to it."""
-    text = f"{type(error).__name__}: {error}"
+    """Return an import error of a referenced file with the user's line that led to it.
+
+    The line is of the file itself, or of the one beside it that failed.
+    """
+    text = plain(f"{type(error).__name__}: {error}")
     if isinstance(error, SyntaxError):
         return text
     frames = traceback.extract_tb(error.__traceback__)
-    own = [frame.lineno for frame in frames if Path(frame.filename) == path]
-    return f"line {own[-1]}: {text}" if own else text
+    own = [one for one in frames if Path(one.filename).is_relative_to(path.parent)]
+    if not own:
+        return text
+    place = Path(own[-1].filename)
+    file = "" if place == path else f"{place.relative_to(path.parent)}, "
+    return f"{file}line {own[-1].lineno}: {text}"

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
-from worlds.files.model_keys import Path, descend, known_keys
-from worlds.files.problems import closest
-from worlds.files.yaml_nodes import Data
+from wil_campaign.worlds.files.model_keys import Path, descend, known_keys
+from wil_campaign.worlds.files.problems import closest
+from wil_campaign.worlds.files.yaml_nodes import Data
 
 
 class Part(BaseModel):

@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from worlds.files.problems import BadInput, Problem
+from wil_campaign.worlds.files.problems import BadInput, Problem
 
 Scalar = str | int | float | bool | None
 Data = Scalar | dict[str, "Data"] | list["Data"]

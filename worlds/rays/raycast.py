@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from worlds.frames import AT_ORIGIN, Pose, Vec3, matrix_from_quat
-from worlds.scene.meshes import FloatArray
-from worlds.scene.scene import NO_EVENTS, RigidBody, Scene
+from wil_campaign.worlds.frames import AT_ORIGIN, Pose, Vec3, matrix_from_quat
+from wil_campaign.worlds.scene.meshes import FloatArray
+from wil_campaign.worlds.scene.scene import NO_EVENTS, RigidBody, Scene
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,13 +57,25 @@ class RayCaster:
         return Hits(ranges_m, object_ids)
 
 
+class NoRaysError(Exception):
+    """Rays cannot be cast on this machine."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "sensors that measure ranges in a world are cast by Embree, which is not installed "
+            "here (it has no package for ARM): leave them out, or pip install embreex"
+        )
+
+
 class _Group:
     """Bodies with fixed relative places in one tree for ray casting."""
 
     def __init__(self, bodies: Sequence[RigidBody], poses: Sequence[Pose]) -> None:
-        # Only lidars and tests need these.
-        from embreex.mesh_construction import TriangleMesh  # noqa: PLC0415
-        from embreex.rtcore_scene import EmbreeScene  # noqa: PLC0415
+        try:  # only lidars and rangefinders need these
+            from embreex.mesh_construction import TriangleMesh  # noqa: PLC0415
+            from embreex.rtcore_scene import EmbreeScene  # noqa: PLC0415
+        except ModuleNotFoundError as error:
+            raise NoRaysError from error
 
         self._scene: Any = EmbreeScene()
         self._ids = np.array([body.scene_object.object_id for body in bodies], np.uint8)

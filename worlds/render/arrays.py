@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from worlds.jit import F64
+from wil_campaign.worlds.jit import F64
 
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]

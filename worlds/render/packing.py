@@ -5,10 +5,10 @@ from collections.abc import Iterable, Sequence
 import cv2
 import numpy as np
 
-from worlds.jit import F64
-from worlds.render.arrays import U32, Geometry, Looks
-from worlds.scene.meshes import BgrTexture, Material, Mesh
-from worlds.scene.scene import Scene
+from wil_campaign.worlds.jit import F64
+from wil_campaign.worlds.render.arrays import U32, Geometry, Looks
+from wil_campaign.worlds.scene.meshes import BgrTexture, Material, Mesh
+from wil_campaign.worlds.scene.scene import Scene
 
 _WHITE = (255, 255, 255)
 _SKY_HIGH, _SKY_LOW = (222, 176, 128), (238, 226, 212)

@@ -10,8 +10,8 @@ Camera coordinates are optical: x right, y down, z forward, metres. Pixel centre
 
 import numpy as np
 
-from worlds.jit import F64, Float, Int, compiled, inlined
-from worlds.render.arrays import (
+from wil_campaign.worlds.jit import F64, Float, Int, compiled, inlined
+from wil_campaign.worlds.render.arrays import (
     F32,
     I32,
     Buffer,
@@ -20,8 +20,8 @@ from worlds.render.arrays import (
     Triangles,
     View,
 )
+from wil_campaign.worlds.render.placing import NEAR_M
 
-NEAR_M = 0.05
 SUB_BITS = 8
 SUB = 1 << SUB_BITS
 Lens = tuple[Float, Float, Float, Float]

@@ -1,17 +1,17 @@
 """The renderer: images of one scene from any pose, from any thread."""
 
-import math
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from worlds.camera import Intrinsics
-from worlds.frames import Pose, matrix_from_quat
-from worlds.jit import F64
-from worlds.render.arrays import (
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose, matrix_from_quat
+from wil_campaign.worlds.jit import F64
+from wil_campaign.worlds.render.arrays import (
     Buffer,
     Geometry,
     Looks,
@@ -20,17 +20,11 @@ from worlds.render.arrays import (
     Triangles,
     View,
 )
-from worlds.render.packing import pack_geometry, pack_looks
-from worlds.render.rasterizer import NEAR_M, cover, gather
-from worlds.render.shading import clear, shade, write_depth, write_ids, write_image
-from worlds.scene.scene import NO_EVENTS, Scene
-
-Bools = NDArray[np.bool]
-
-_UP_NED = np.array([0.0, 0.0, -1.0])
-_LIGHTS_NED = np.stack([[-0.5, 0.3, -0.81], _UP_NED])
-"""Towards the lamp, and upwards."""
-_OPTICAL_FROM_FRD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+from wil_campaign.worlds.render.packing import pack_geometry, pack_looks
+from wil_campaign.worlds.render.placing import place
+from wil_campaign.worlds.render.rasterizer import cover, gather
+from wil_campaign.worlds.render.shading import clear, shade, write_depth, write_ids, write_image
+from wil_campaign.worlds.scene.scene import NO_EVENTS, Scene
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +50,7 @@ class Renderer:
         self._looks: Looks = pack_looks(scene)
         self._local = threading.local()
         poses = [body.scene_object.pose for body in self._bodies]
-        self._closed = np.array([body.shape.mesh.closed for body in self._bodies], bool)
+        self._closed = np.array([body.shape.mesh.closed for body in self._bodies], np.uint8)
         self._moving = [
             (k, body) for k, body in enumerate(self._bodies) if body.scene_object.motion
         ]
@@ -122,20 +116,9 @@ class Renderer:
         events: Mapping[str, float],
         only: frozenset[str] | None,
     ) -> View:
-        optical_from_ned = _OPTICAL_FROM_FRD @ matrix_from_quat(camera_pose.q_wxyz).T
         rotations_ned, positions_ned_m = self._places(t_s, events)
-        rotations = optical_from_ned @ rotations_ned
-        shifts = (positions_ned_m - np.array(camera_pose.position_ned_m)) @ optical_from_ned.T
-        shown, outside = self._show(rotations, shifts, intrinsics)
-        if only is not None:
-            shown &= np.array([body.scene_object.name in only for body in self._bodies], bool)
-        return View(
-            rotations=rotations,
-            shifts=shifts,
-            lights=_LIGHTS_NED @ rotations_ned,
-            up=optical_from_ned @ _UP_NED,
-            shown=shown.astype(np.uint8),
-            one_sided=(outside & self._closed).astype(np.uint8),
+        view = View(
+            **self._view_arrays(),
             fx=float(intrinsics.fx_px),
             fy=float(intrinsics.fy_px),
             cx=float(intrinsics.cx_px),
@@ -143,6 +126,30 @@ class Renderer:
             width=intrinsics.width_px,
             height=intrinsics.height_px,
         )
+        view.one_sided[:] = self._closed
+        # Floats: of other numbers Numba would make another kernel.
+        q_wxyz = tuple(map(float, camera_pose.q_wxyz))
+        at_ned_m = tuple(map(float, camera_pose.position_ned_m))
+        place(q_wxyz, at_ned_m, rotations_ned, positions_ned_m, self._geometry.spheres, view)
+        if only is not None:
+            names = [body.scene_object.name for body in self._bodies]
+            view.shown[[name not in only for name in names]] = 0
+        return view
+
+    def _view_arrays(self) -> dict[str, Any]:
+        """Return this thread's arrays for a view, which the next view of it overwrites."""
+        local, count = self._local, len(self._bodies)
+        if not hasattr(local, "view"):
+            local.view = {
+                "rotations": np.empty((count, 3, 3)),
+                "shifts": np.empty((count, 3)),
+                "lights": np.empty((count, 2, 3)),
+                "up": np.empty(3),
+                "shown": np.empty(count, np.uint8),
+                "one_sided": np.empty(count, np.uint8),
+            }
+        arrays: dict[str, Any] = local.view
+        return arrays
 
     def _places(self, t_s: float, events: Mapping[str, float]) -> tuple[F64, F64]:
         """Return every rendered body's rotation (n, 3, 3) to NED and position (n, 3)."""
@@ -154,21 +161,6 @@ class Renderer:
             rotations[k] = matrix_from_quat(pose.q_wxyz)
             positions_m[k] = pose.position_ned_m
         return rotations, positions_m
-
-    def _show(self, rotations: F64, shifts: F64, camera: Intrinsics) -> tuple[Bools, Bools]:
-        """Return which bodies may be in view, and which surely do not contain the camera."""
-        spheres = self._geometry.spheres
-        centers = np.matmul(rotations, spheres[:, :3, None])[:, :, 0] + shifts
-        x, y, z = centers[:, 0], centers[:, 1], centers[:, 2]
-        shown: Bools = z + spheres[:, 3] > NEAR_M
-        for across, focal, middle, count in (
-            (x, camera.fx_px, camera.cx_px, camera.width_px),
-            (y, camera.fy_px, camera.cy_px, camera.height_px),
-        ):
-            for sign, edge in ((1.0, middle + 0.5), (-1.0, count - 0.5 - middle)):
-                distance = (sign * focal * across + edge * z) / math.hypot(focal, edge)
-                shown &= distance > -spheres[:, 3]
-        return shown, np.asarray(np.linalg.norm(centers, axis=1) > spheres[:, 3] + 2.0 * NEAR_M)
 
     def _scratch(self, width: int, height: int) -> Scratch:
         """Return this thread's render work space, made anew for another image size."""

@@ -9,8 +9,8 @@ Indices are unsigned where it counts: Numba then leaves out what negative indice
 
 import numpy as np
 
-from worlds.jit import F64, Float, Int, compiled, inlined
-from worlds.render.arrays import (
+from wil_campaign.worlds.jit import F64, Float, Int, compiled, inlined
+from wil_campaign.worlds.render.arrays import (
     F32,
     I32,
     U8,

@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+from numpy.typing import NDArray
 
 Rgb = tuple[int, int, int]
 
@@ -26,14 +27,13 @@ NAMED: dict[str, Rgb] = {
     "beige": (205, 190, 160),
 }
 
-_LINEAR = np.arange(256) / 255.0
-SRGB_OF_LINEAR = np.rint(
-    255.0
-    * np.where(_LINEAR <= 0.0031308, 12.92 * _LINEAR, 1.055 * np.power(_LINEAR, 1.0 / 2.4) - 0.055)
-).astype(np.int32)
-"""By a linear intensity of 0..255: the sRGB value of 0..255 (IEC 61966-2-1)."""
-
 _HEX = re.compile(r"#[0-9a-fA-F]{6}")
+
+
+def srgb_of_linear(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return linear intensities of 0 to 1 as sRGB (IEC 61966-2-1)."""
+    low, high = 12.92 * linear, 1.055 * np.power(linear, 1.0 / 2.4) - 0.055
+    return np.where(linear <= 0.0031308, low, high)
 
 
 def parse_color(value: str | list[int]) -> Rgb:

@@ -12,8 +12,8 @@ step/min for adults at any speed (Sekiya and Nagasaki, Gait & Posture 7, 1998, 2
 import math
 from typing import Literal, get_args
 
-from worlds.frames import AT_ORIGIN, Pose, quat_from_euler, rotate
-from worlds.scene.motion import Stride, Travel
+from wil_campaign.worlds.frames import AT_ORIGIN, Pose, quat_from_euler, rotate
+from wil_campaign.worlds.scene.motion import Stride, Travel
 
 Joint = Literal[
     "trunk",

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from worlds.frames import Pose, Vec3, matrix_from_quat
-from worlds.scene.colors import Rgb
+from wil_campaign.worlds.frames import Pose, Vec3, matrix_from_quat
+from wil_campaign.worlds.scene.colors import Rgb
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from worlds.frames import (
+from wil_campaign.worlds.frames import (
     Pose,
     Vec3,
     angle_between,
@@ -20,7 +20,7 @@ from worlds.frames import (
     quat_from_euler,
     subtract,
 )
-from worlds.scene.speed_ramp import ramped_leg, way_share
+from wil_campaign.worlds.scene.speed_ramp import ramped_leg, way_share
 
 Moment = Literal["takeoff", "at_height", "goal", "done"]
 MOMENTS: tuple[Moment, ...] = get_args(Moment)
@@ -41,6 +41,11 @@ class StartAt:
         del events
         return self.at_s
 
+    @property
+    def waits_for(self) -> str | None:
+        """Return the event that the motion waits for: none."""
+        return None
+
 
 @dataclass(frozen=True, slots=True)
 class StartOn:
@@ -53,6 +58,11 @@ class StartOn:
         """Return when the motion began after its event; None while it has not."""
         at_s = events.get(self.event)
         return None if at_s is None else at_s + self.delay_s
+
+    @property
+    def waits_for(self) -> str | None:
+        """Return the event that the motion waits for."""
+        return self.event
 
 
 Start = StartAt | StartOn

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from worlds.frames import AT_ORIGIN, Pose, Vec3, norm
-from worlds.scene.meshes import FloatArray, IntArray
+from wil_campaign.worlds.frames import AT_ORIGIN, Pose, Vec3, norm
+from wil_campaign.worlds.scene.meshes import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from worlds.frames import Pose
-from worlds.scene.gait import CHORD_S, Joint, limb_pose, limb_travel
-from worlds.scene.motion import AT_REST, Motion, Stride, Travel
-from worlds.scene.shapes import Shape
-from worlds.scene.track import track_of
+from wil_campaign.worlds.frames import Pose, matrix_from_quat
+from wil_campaign.worlds.scene.gait import CHORD_S, Joint, limb_pose, limb_travel
+from wil_campaign.worlds.scene.motion import AT_REST, Motion, Stride, Travel
+from wil_campaign.worlds.scene.shapes import Shape
+from wil_campaign.worlds.scene.track import track_of
 
 MAX_OBJECTS = 254
 NO_EVENTS: Mapping[str, float] = MappingProxyType({})
@@ -156,6 +156,17 @@ class Scene:
     def names(self) -> tuple[str, ...]:
         """Return the names of the scene's objects in the order of the file."""
         return tuple(scene_object.name for scene_object in self.objects)
+
+    @property
+    def floor_down_m(self) -> float | None:
+        """Return how far down (NED) the lowest floor of the scene's rooms is; None without one."""
+        rooms = [(one.pose, one.shape.mesh.vertices_m) for one in self.objects if one.is_room]
+        corners = [corners_m @ matrix_from_quat(pose.q_wxyz)[2] for pose, corners_m in rooms]
+        downs_m = [
+            pose.position_ned_m[2] + float(each.max())
+            for (pose, _), each in zip(rooms, corners, strict=True)
+        ]
+        return max(downs_m, default=None)
 
     def __contains__(self, name: str) -> bool:
         return name in self._by_name

@@ -13,12 +13,12 @@ from typing import Literal
 
 import numpy as np
 
-from worlds.frames import Pose, Vec3
-from worlds.scene import meshes, textures
-from worlds.scene.colors import NAMED, Rgb
-from worlds.scene.gait import ANKLE_M, HIP_M, JOINTS, KNEE_M, Joint
-from worlds.scene.meshes import BgrTexture, Material, Mesh
-from worlds.scene.parts import BoxShape, HullShape, Opening, Part
+from wil_campaign.worlds.frames import Pose, Vec3
+from wil_campaign.worlds.scene import meshes, textures
+from wil_campaign.worlds.scene.colors import NAMED, Rgb
+from wil_campaign.worlds.scene.gait import ANKLE_M, HIP_M, JOINTS, KNEE_M, Joint
+from wil_campaign.worlds.scene.meshes import BgrTexture, Material, Mesh
+from wil_campaign.worlds.scene.parts import BoxShape, HullShape, Opening, Part
 
 RING_SEGMENTS = 48
 WALL_THICKNESS_M = 0.1

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from worlds.scene.meshes import FloatArray, IntArray
+from wil_campaign.worlds.scene.meshes import FloatArray, IntArray
 
 CREASE_RAD = math.radians(40.0)
 """Faces that meet at more than this have an edge between them."""

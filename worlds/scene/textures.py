@@ -10,8 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from worlds.files.images import read_image
-from worlds.scene.meshes import BgrTexture, FloatArray
+from wil_campaign.worlds.files.images import read_image
+from wil_campaign.worlds.scene.meshes import BgrTexture, FloatArray
 
 SIDE_PX = 256
 _LARGEST_SIDE_PX = 2048

@@ -8,8 +8,8 @@ import bisect
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
-from worlds.frames import Pose, Vec3, add, angle_between, norm, scale, subtract
-from worlds.scene.motion import AT_REST, Travel
+from wil_campaign.worlds.frames import Pose, Vec3, add, angle_between, norm, scale, subtract
+from wil_campaign.worlds.scene.motion import AT_REST, Travel
 
 AHEAD_S = 0.1
 """For how long a pose is extrapolated at its velocity: five periods of reports."""

@@ -2,23 +2,27 @@
 
 from dataclasses import dataclass
 
-from worlds.files.documents import BadInput, Document, check
-from worlds.geodesy import LocalFrame
-from worlds.scene.motion import StartOn
-from worlds.scene.scene import Scene
-from worlds.world_file.world_reader import Placed, WorldReader
-from worlds.world_file.world_schema import Mode, Which, WorldModel
+from wil_campaign.worlds.files.documents import BadInput, Document, check
+from wil_campaign.worlds.geodesy import LocalFrame
+from wil_campaign.worlds.scene.motion import StartOn
+from wil_campaign.worlds.scene.scene import Scene
+from wil_campaign.worlds.world_file.world_reader import Placed, WorldReader
+from wil_campaign.worlds.world_file.world_schema import Mode, Which, WorldModel
 
 __all__ = ["Mode", "Placed", "Which", "World"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """The world of one world file: places and objects; frame: the local frame on WGS-84."""
+    """The world of one world file: places and objects; frame: the local frame on WGS-84.
+
+    ground_down_m: the height (NED, metres) of the open ground; None where the file states none.
+    """
 
     description: str
     frame: LocalFrame
     placed: tuple[Placed, ...]
+    ground_down_m: float | None = None
 
     @classmethod
     def parse(cls, document: Document) -> "World":
@@ -28,12 +32,13 @@ class World:
         """
         model = check(document, WorldModel)
         reader = WorldReader(document, seed=model.seed)
-        placed = reader.read(model.objects)
+        ground_down_m = None if model.ground_up_m is None else -model.ground_up_m
+        placed = reader.read(model.objects, ground_down_m=ground_down_m)
         if reader.problems:
             raise BadInput(sorted(reader.problems, key=lambda each: (each.line, each.column)))
         origin = model.origin
         frame = LocalFrame(origin.latitude_deg, origin.longitude_deg, origin.altitude_m)
-        return cls(model.description, frame, placed)
+        return cls(model.description, frame, placed, ground_down_m)
 
     @property
     def objects(self) -> tuple[str, ...]:

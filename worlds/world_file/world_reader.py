@@ -6,17 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
-from worlds.files.documents import Document, Problem, closest, closest_file
-from worlds.files.paths import exists, is_folder
-from worlds.frames import Pose, matrix_from_quat
-from worlds.scene import shapes
-from worlds.scene.colors import NAMED, Rgb, parse_color
-from worlds.scene.mesh_files.mesh_reader import Axes, MeshFileError, load_mesh_shape
-from worlds.scene.motion import Motion, StartOn, Waypoint
-from worlds.scene.scene import MAX_OBJECTS, SceneObject
-from worlds.scene.shapes import Shape
-from worlds.scene.textures import load_texture
-from worlds.world_file.world_schema import (
+from wil_campaign.worlds.files.documents import Document, Problem, closest, closest_file
+from wil_campaign.worlds.files.paths import exists, is_folder
+from wil_campaign.worlds.frames import Pose, matrix_from_quat
+from wil_campaign.worlds.scene import shapes
+from wil_campaign.worlds.scene.colors import NAMED, Rgb, parse_color
+from wil_campaign.worlds.scene.mesh_files.mesh_reader import Axes, MeshFileError, load_mesh_shape
+from wil_campaign.worlds.scene.motion import Motion, StartOn, Waypoint
+from wil_campaign.worlds.scene.scene import MAX_OBJECTS, SceneObject
+from wil_campaign.worlds.scene.shapes import Shape
+from wil_campaign.worlds.scene.textures import load_texture
+from wil_campaign.worlds.world_file.world_schema import (
     ExistsModel,
     MeshModel,
     Mode,
@@ -57,8 +57,13 @@ class WorldReader:
         self._unreadable: set[str] = set()
         self.problems: list[Problem] = []
 
-    def read(self, models: dict[str, ObjectModel]) -> tuple[Placed, ...]:
-        """Return all objects of the world file, in order; check `problems` before using them."""
+    def read(
+        self, models: dict[str, ObjectModel], *, ground_down_m: float | None = None
+    ) -> tuple[Placed, ...]:
+        """Return all objects of the world file, in order; check `problems` before using them.
+
+        ground_down_m: the height of the ground where the file states it.
+        """
         if len(models) > MAX_OBJECTS:
             self._note(("objects",), f"{len(models)} objects; at most {MAX_OBJECTS} are supported")
             return ()
@@ -66,7 +71,7 @@ class WorldReader:
             Placed(self._object(object_id, name, model), _exists_in(model))
             for object_id, (name, model) in enumerate(models.items(), start=1)
         )
-        floor_m = _floor_down_m(placed)
+        floor_m = _floor_down_m(placed, ground_down_m)
         for each in placed:
             self._check_floor(each.scene_object, floor_m)
         return placed
@@ -108,7 +113,13 @@ class WorldReader:
         path = self._folder / model.file
         axes = Axes(model.up, model.forward) if model.up and model.forward else None
         try:
-            return load_mesh_shape(path, unit=model.unit, scale=model.scale, axes=axes)
+            return load_mesh_shape(
+                path,
+                unit=model.unit,
+                scale=model.scale,
+                axes=axes,
+                draws_transparent=model.transparent == "opaque",
+            )
         except MeshFileError as error:
             self._note(at, f"mesh file '{model.file}': {error}", self._similar_file(model.file))
             self._unreadable.add(str(at[1]))
@@ -171,12 +182,17 @@ def _exists_in(model: ObjectModel) -> ExistsModel:
     return _EVERYWHERE if model.shape.room is not None else ExistsModel()
 
 
-def _floor_down_m(placed: tuple[Placed, ...]) -> float:
-    """Return the down coordinate of the world file's lowest room floor, else 0."""
-    rooms = [
+def _floor_down_m(placed: tuple[Placed, ...], ground_down_m: float | None) -> float:
+    """Return the down coordinate of the world file's lowest floor: of a room or the ground, else 0.
+
+    ground_down_m: that of the ground, where the file states it.
+    """
+    floors = [
         each.scene_object.pose.position_ned_m[2] for each in placed if each.scene_object.is_room
     ]
-    return max(rooms, default=0.0)
+    if ground_down_m is not None:
+        floors.append(ground_down_m)
+    return max(floors, default=0.0)
 
 
 def _down_extent(shape: Shape, pose: Pose) -> tuple[float, float]:

@@ -5,10 +5,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from worlds.files.documents import KeyFaultError
-from worlds.files.documents import Part as FilePart
-from worlds.frames import Pose
-from worlds.scene.motion import Moment
+from wil_campaign.worlds.files.documents import KeyFaultError
+from wil_campaign.worlds.files.documents import Part as FilePart
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.motion import Moment
 
 Which = Literal["W", "Wv"]
 Mode = Literal["sim", "wil", "real"]
@@ -118,10 +118,12 @@ class MeshModel(FilePart):
     point up and forward; None takes what the file states, else its format's custom (.glb, .gltf,
     .dae: y up, z forward; .obj, .stl, .ply: z up, x forward). file: one beside this one, .obj,
     .stl, .ply, .glb, .gltf or .dae. scale: the factor by which all lengths of the file are
-    multiplied.
+    multiplied. transparent: opaque has surfaces drawn as opaque that the file has transparent or
+    with cut-outs; they are refused without it.
     """
 
     file: str
+    transparent: Literal["opaque"] | None = None
     unit: Literal["m", "cm", "mm", "in", "ft"] | None = None
     scale: Annotated[float, Field(ge=1e-6, le=1e6)] = 1.0
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
@@ -253,11 +255,14 @@ class WorldModel(FilePart):
     """A world file. seed: of the speeds that are drawn; a run without one in the file has its own.
 
     Without a seed everything moves at the speeds of the file. schema: the kind and version of the
-    file. description: for people. objects: what stands and moves in the world, by name.
+    file. description: for people. ground_up_m: the height of the open ground over the world's
+    origin; without it, where each vehicle stands before its takeoff. objects: what stands and moves
+    in the world, by name.
     """
 
     schema_: Annotated[Literal["wil/world/1"], Field(alias="schema")]
     description: str = ""
     seed: Annotated[int, Field(ge=0, lt=2**63)] | None = None
     origin: OriginModel
+    ground_up_m: Coordinate | None = None
     objects: Annotated[dict[str, ObjectModel], Field(default_factory=dict)]

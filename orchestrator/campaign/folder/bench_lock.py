@@ -5,8 +5,8 @@ import os
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 
-from campaigns.setup.bench_file import Bench
-from orchestrator.campaign.folder.campaign_folder import TakenError
+from wil_campaign.campaigns.setup.bench_file import Bench
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import TakenError
 
 
 @contextmanager

@@ -14,10 +14,16 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
-from orchestrator.model.document_writer import sync_folder, write_whole
-from orchestrator.recording.timestamps import folder_stamp
+from wil_campaign.orchestrator.model.document_writer import sync_folder, write_whole
+from wil_campaign.orchestrator.recording.timestamps import folder_stamp
+from wil_campaign.worlds.files.paths import exists, require_utf8
+from wil_campaign.worlds.files.problems import BadInput, Problem
 
 _EARLIER = "earlier"
+_NAME_BYTES, _PATH_BYTES = 255, 4095
+"""The longest name and the longest path that Linux takes."""
+_BENEATH_BYTES = 500
+"""Room for what a campaign writes beneath --out: its name, its start, case, mode, run and file."""
 _LOCK = ".lock"
 
 
@@ -48,12 +54,17 @@ def make_folder(parent: Path) -> Path:
 
 
 def require_writable(out: Path, *, junit: Path | None) -> None:
-    """Check that a campaign's results can be written before it begins. Raises OutputError.
+    """Check that a campaign's results can be written before it begins.
 
-    out: created when it does not exist; junit: a file in an existing folder.
+    out: created when it does not exist; junit: a file in an existing folder. Raises OutputError,
+    and BadInput for a path that is not UTF-8 or too long.
     """
-    existing = next((one for one in (out, *out.absolute().parents) if one.exists()), out)
     try:
+        require_utf8(out)
+        if _is_too_long(out.absolute()):
+            message = "is too long for a folder of results: choose another one with --out"
+            raise BadInput([Problem(str(out), 0, 0, message)])
+        existing = next((one for one in (out, *out.absolute().parents) if exists(one)), out)
         with tempfile.TemporaryDirectory(dir=existing, prefix=".wil-"):
             pass
     except OSError as error:
@@ -76,6 +87,12 @@ def require_writable(out: Path, *, junit: Path | None) -> None:
     except OSError as error:
         reason = error.strerror or error
         raise OutputError(f"junit.xml cannot be written to {junit}: {reason}") from error
+
+
+def _is_too_long(out: Path) -> bool:
+    """Return whether paths of results beneath a folder would be too long for the system."""
+    longest = max(len(os.fsencode(name)) for name in out.parts)
+    return longest > _NAME_BYTES or len(os.fsencode(out)) > _PATH_BYTES - _BENEATH_BYTES
 
 
 def newest_folder(parent: Path) -> Path | None:

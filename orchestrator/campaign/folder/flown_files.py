@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from orchestrator.campaign.folder.campaign_folder import OutputError
-from orchestrator.campaign.folder.manifest import file_digest
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
+from wil_campaign.orchestrator.campaign.folder.manifest import file_digest
 
 _State = tuple[int, int, int]
 """Size, time of the last change and inode: where they are the same, the content is."""
@@ -15,8 +15,14 @@ _State = tuple[int, int, int]
 
 @dataclass(frozen=True, slots=True)
 class FlownFiles:
-    """The files of a campaign, as its manifest has them. digests, states: by absolute path."""
+    """The files of a campaign, as its manifest has them. digests, states: by absolute path.
 
+    home: the folder of the campaign file. named: digests by path relative to it, symlinks followed,
+    with those of code that only runs have imported.
+    """
+
+    home: Path
+    named: dict[str, str]
     digests: Mapping[Path, str]
     states: dict[Path, _State | None]
 
@@ -45,7 +51,32 @@ class FlownFiles:
             for path, place in places.items()
             if place in by_path and place not in left_out
         }
-        return cls(own, {path: _state_of(path) for path in own})
+        return cls(home, dict(digests), own, {path: _state_of(path) for path in own})
+
+    def require_same_code(self, run: str, code: Mapping[str, str]) -> None:
+        """Raise OutputError where a run imported other code than the campaign or an earlier run.
+
+        code: what it imported, by path relative to the campaign file.
+        """
+        for name, digest in code.items():
+            if self.named.setdefault(name, digest) != digest:
+                raise OutputError(
+                    f"{self.home / name} changed while the campaign flew: {run} flew with it as it "
+                    "is now, other runs with what it was before. No further run is flown: results "
+                    "of two different campaigns must not be mixed. Start anew without --resume"
+                )
+
+    def require_code_on_disk(self, run: str, code: Mapping[str, str]) -> None:
+        """Raise OutputError where code that a finished run imported is no longer what it was."""
+        for name, digest in code.items():
+            path = self.home / name
+            if _digest_of(path) != digest:
+                what = "changed" if path.exists() else "is missing"
+                raise OutputError(
+                    f"{path} {what} since {run} flew with it: results of two different campaigns "
+                    "must not be mixed; undo the change, or start anew without --resume"
+                )
+            self.named.setdefault(name, digest)
 
     def require_unchanged(self) -> None:
         """Raise OutputError for a file whose content is no longer that of the manifest."""

@@ -3,19 +3,20 @@
 import ast
 import re
 import sys
-import sysconfig
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.metadata import Distribution, distributions
+from importlib.util import find_spec
 from pathlib import Path
 
-from orchestrator.campaign.folder.named_files import as_used
+from wil_campaign.orchestrator.campaign.folder.named_files import as_used
+from wil_campaign.worlds.files.user_modules import own_file, user_files
 
 _MAX_FILES = 2000
-_OURS = frozenset({"campaigns", "orchestrator", "recipes", "safety", "vehicles", "worlds"})
-"""The packages of wil-campaign, which its version identifies."""
+_OURS = "wil_campaign"
+"""This program, which its version identifies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,25 +28,30 @@ class Imported:
 
 
 def imported_by(files: set[Path]) -> Imported:
-    """Return what Python files import, directly and indirectly; no code is run.
+    """Return what Python files import, directly and indirectly.
 
-    Only import statements are seen. A file that cannot be read or parsed imports nothing here: its
-    loading reports the error.
+    This is what they have imported where this process, or the check of the autonomy, has run them,
+    however they found it; and what their import statements mean, which may be executed in flight.
+    A file that cannot be read or parsed imports nothing here: its loading reports the error.
     """
-    installed = [Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "purelib")]
-    known, packages, waiting = set(files), set[str](), list(files)
+    run = {path for file in files for path in user_files(file.resolve().parent) if path.exists()}
+    known, packages, waiting = files | run, set[str](), [(file, file) for file in files | run]
+    named = {file.resolve() for file in files}
     while waiting and len(known) < _MAX_FILES:
-        for module in _imported_modules(waiting.pop()):
-            top = module.partition(".")[0]
-            origin = None if top in _OURS else _origin(module)
+        file, named_file = waiting.pop()
+        for module in _imported_modules(file):
+            top = module.lstrip(".").partition(".")[0]
+            origin = None if top == _OURS else _origin(module, file, named_file)
             if origin is None:
                 continue
-            if any(origin.resolve().is_relative_to(folder) for folder in installed):
+            if own_file(str(origin)) is None:
                 packages.update(_distributions_of(top))
             elif origin not in known:
                 known.add(origin)
-                waiting.append(origin)
-    return Imported(frozenset(known - files), frozenset(packages))
+                waiting.append((origin, named_file))
+    return Imported(
+        frozenset(one for one in known if one.resolve() not in named), frozenset(packages)
+    )
 
 
 @cache
@@ -70,7 +76,9 @@ def _provides(distribution: Distribution, module: str) -> bool:
 
 
 def _imported_modules(file: Path) -> Iterator[str]:
-    """Yield the absolute names of modules that a file's import statements may mean."""
+    """Yield the names of modules that a file's import statements may mean, relative with dots."""
+    if file.suffix != ".py":
+        return
     try:
         tree = ast.parse(file.read_bytes())
     except (OSError, SyntaxError, ValueError):
@@ -78,22 +86,50 @@ def _imported_modules(file: Path) -> Iterator[str]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
-            yield node.module
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = "." * node.level + (node.module or "")
+            joint = "." if node.module else ""
+            if node.module:
+                yield base
+            yield from (f"{base}{joint}{alias.name}" for alias in node.names)
 
 
-def _origin(module: str) -> Path | None:
-    """Return the file of a module without importing it or its parent packages."""
-    search_path: list[str] | None = None
+def _origin(module: str, file: Path, named: Path) -> Path | None:
+    """Return the file of a module without importing it or its parent packages.
+
+    file: which imports it. named: the file that the campaign names, beside which modules are found
+    first.
+    """
+    name = module.lstrip(".")
+    level = len(module) - len(name)
+    if level:
+        return _found_in(name, [str(file.parents[level - 1])])
+    beside = _found_in(name, [str(named.parent)])
+    if beside is not None:
+        return beside
+    top, _, rest = name.partition(".")
+    try:
+        spec = find_spec(top)
+    except (ImportError, ValueError):
+        return None
+    if spec is None or not rest:
+        return _file_of(spec)
+    return _found_in(rest, list(spec.submodule_search_locations or []))
+
+
+def _found_in(name: str, search_path: list[str]) -> Path | None:
+    """Return the file of a module beneath folders."""
     spec: ModuleSpec | None = None
-    name = ""
-    for part in module.split("."):
-        name = f"{name}.{part}" if name else part
-        spec = PathFinder.find_spec(name, search_path)
+    for part in name.split("."):
+        spec = PathFinder.find_spec(part, search_path)
         if spec is None:
             return None
         search_path = list(spec.submodule_search_locations or [])
+    return _file_of(spec)
+
+
+def _file_of(spec: ModuleSpec | None) -> Path | None:
+    """Return the file of a module; None for one that is built in, or a package without code."""
     if spec is None or spec.origin is None or not spec.origin.endswith((".py", ".so")):
         return None
     return as_used(Path(spec.origin))

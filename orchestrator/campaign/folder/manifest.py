@@ -12,18 +12,21 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from campaigns.expansion.expansion import Campaign
-from campaigns.setup.case_files import CaseFiles
-from orchestrator.campaign.folder.imported_files import imported_by
-from orchestrator.campaign.folder.named_files import document_place, named_files
-from orchestrator.model.clock import Clock
-from orchestrator.recording.timestamps import utc_text
-from worlds.files.documents import Data, Document
+from wil_campaign.campaigns.expansion.expansion import Campaign
+from wil_campaign.campaigns.setup.case_files import CaseFiles
+from wil_campaign.hooks import autonomy_kinds
+from wil_campaign.installed_plugins import added
+from wil_campaign.orchestrator.campaign.folder.imported_files import imported_by
+from wil_campaign.orchestrator.campaign.folder.named_files import document_place, named_files
+from wil_campaign.orchestrator.installation import flown_program
+from wil_campaign.orchestrator.model.clock import Clock
+from wil_campaign.orchestrator.recording.timestamps import utc_text
+from wil_campaign.vehicles.processes.linux import usable_cores
+from wil_campaign.worlds.files.documents import Data, Document
 
 _CHUNK_BYTES = 1 << 20
 _LOADED = frozenset({".py", ".onnx", ".so"})
 _VERSIONED = (
-    "wil-campaign",
     "av",
     "embreex",
     "jsbsim",
@@ -33,7 +36,7 @@ _VERSIONED = (
     "pymavlink",
     "trimesh",
 )
-"""Packages whose version may change the flight of a run."""
+"""Packages whose version may change the flight of a run, as this program may."""
 
 
 def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str, object]:
@@ -42,6 +45,7 @@ def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str,
     imported = imported_by({path for path in files if path.suffix == ".py"})
     return {
         "campaign": campaign.name,
+        "file": campaign.document.path.name,
         "description": campaign.description,
         "seed": campaign.seed,
         "clock": clock,
@@ -52,7 +56,7 @@ def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str,
             "set": list(campaign.options.sets),
         },
         "started_utc": utc_text(time.time()),
-        "host": {"name": platform.node(), "machine": platform.machine(), "cores": os.cpu_count()},
+        "host": {"name": platform.node(), "machine": platform.machine(), "cores": usable_cores()},
         "versions": {"python": platform.python_version(), **_versions(imported.packages)},
         "files": _digests(files | imported.files, campaign),
         "runs": _runs(campaign),
@@ -144,8 +148,8 @@ def _files(campaign: Campaign) -> set[Path]:
 def maybe_written_files(campaign: Campaign) -> set[Path]:
     """Return the files that only the user's own code is given by name, except code and networks.
 
-    They are named by `with` and by the arguments of `autonomy.program`. A flight may read or write
-    them.
+    They are named by `with`, and by the arguments of an autonomy that is a command line. A flight
+    may read or write them.
     """
     files: set[Path] = set()
     for document in naming_documents(campaign):
@@ -163,7 +167,7 @@ def _given_to_code(data: Data) -> Iterator[Data]:
         for key, inner in data.items():
             if key == "with":
                 yield inner
-            elif key == "program" and isinstance(inner, list):
+            elif key in added(autonomy_kinds) and isinstance(inner, list):
                 yield inner[1:]
             else:
                 yield from _given_to_code(inner)
@@ -245,8 +249,8 @@ def _add_file(digest: "hashlib._Hash", path: Path) -> None:
 
 def _versions(imported: frozenset[str]) -> dict[str, str]:
     """Return the versions of the packages in use; imported: by users' files."""
-    versions: dict[str, str] = {}
-    for name in (*_VERSIONED, *sorted(imported - set(_VERSIONED))):
+    versions = {"wil-campaign": flown_program()}
+    for name in (*_VERSIONED, *sorted(imported - {*versions, *_VERSIONED})):
         try:
             versions[name] = version(name)
         except PackageNotFoundError:

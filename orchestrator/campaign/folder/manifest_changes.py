@@ -4,23 +4,35 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from campaigns.setup.overrides import override_from_option
+from wil_campaign.campaigns.setup.overrides import override_from_option
 
 _MAX_LENGTH = 80
 """Of a value in a sentence about a changed key, in characters."""
+_MISSING: Any = object()
+"""The value of a key that a document does not have."""
 _COUNTED = frozenset({"repetitions"})
 """Keys that only set the number of runs: missing runs are reported as never flown."""
 
 
 def changed_keys(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, str, str]]:
-    """Yield the keys of a manifest's document that differ, with their values before and now."""
+    """Yield the keys of a manifest's document that differ, with their values before and now.
+
+    A missing one counts as null, but differs from it: null in a case takes away what the campaign
+    has.
+    """
     if isinstance(before, dict) and isinstance(now, dict):
         for name in dict.fromkeys((*before, *now)):
             inner = f"{key}.{name}".lstrip(".")
-            yield from changed_keys(before.get(name), now.get(name), inner)
+            yield from changed_keys(before.get(name, _MISSING), now.get(name, _MISSING), inner)
     elif before != now:
-        was, present = (json.dumps(one, ensure_ascii=False) for one in (before, now))
-        yield key, was, present
+        yield key, _value_text(before, beside=now), _value_text(now, beside=before)
+
+
+def _value_text(value: Any, *, beside: Any) -> str:
+    """Return a value in words. beside: the other one, from which a missing one differs if null."""
+    if value is _MISSING and beside is None:
+        return "not set"
+    return json.dumps(None if value is _MISSING else value, ensure_ascii=False)
 
 
 def changes_since_flight(
@@ -31,7 +43,7 @@ def changes_since_flight(
     before: the manifest of the flight. file: the campaign's file, compared key by key instead.
     """
     changes = [
-        f"{key} was {_shorten(was)}, now it is {_shorten(present)}"
+        f"{key} was {shortened(was)}, now it is {shortened(present)}"
         for key, was, present in changed_keys(before.get("document", {}), now["document"])
         if key not in _COUNTED
     ]
@@ -41,14 +53,14 @@ def changes_since_flight(
         for name, digest in now["files"].items()
         if name != file and flown_files.get(name, digest) != digest
     ]
-    changes += _changed_options(before, now)
+    changes += changed_options(before, now)
     was, present = (one.get("versions", {}).get("wil-campaign") for one in (before, now))
     if was != present:
         changes.append(f"wil-campaign was {was}, now it is {present}")
     return changes or _changed_runs(before, now)
 
 
-def _changed_options(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+def changed_options(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """Return in words the --set options that only one manifest has and no document shows.
 
     These are options for the world or the recipe, and all options of a composed campaign.
@@ -58,7 +70,7 @@ def _changed_options(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[
     changes |= {text: "is not given" for text in was if text not in present}
     is_composed = "campaigns" in now["document"]
     return [
-        f"--set {_shorten(text)} {what}"
+        f"--set {shortened(text)} {what}"
         for text, what in changes.items()
         if is_composed or override_from_option("--set", text).file != "campaign"
     ]
@@ -74,6 +86,6 @@ def _changed_runs(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str
     ]
 
 
-def _shorten(text: str) -> str:
+def shortened(text: str) -> str:
     """Return a text shortened to the maximum length."""
     return text if len(text) <= _MAX_LENGTH else f"{text[: _MAX_LENGTH - 3]}..."

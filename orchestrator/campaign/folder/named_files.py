@@ -1,17 +1,15 @@
 """The files that a campaign's documents name, and the files that those name in turn."""
 
 import os
-import re
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from vehicles.sources.camera_source import IMAGE_SUFFIXES
-from worlds.files.documents import Data
-from worlds.files.paths import exists, is_file, is_folder
+from wil_campaign.vehicles.sources.camera_source import IMAGE_SUFFIXES
+from wil_campaign.worlds.files.documents import Data
+from wil_campaign.worlds.files.paths import exists, is_file, is_folder
+from wil_campaign.worlds.scene.mesh_files.named_by_mesh import files_named_by_mesh
 
-_MESH_SUFFIXES = frozenset({".obj", ".mtl", ".dae", ".gltf"})
-_COMPANION = re.compile(r"[^\"'<>\t\r\n]+\.(?:mtl|png|jpg|jpeg|bmp|tga|bin)\b", re.IGNORECASE)
 _PX4_PROGRAM = Path("bin") / "px4"
 """The program in a folder in which PX4 was built."""
 _SIGNING = "signing"
@@ -88,7 +86,7 @@ def with_companions(paths: Iterable[Path]) -> list[Path]:
         path = waiting.pop()
         if path not in complete:
             complete.add(path)
-            waiting.extend(_companions_of(path))
+            waiting.extend(as_used(one) for one in files_named_by_mesh(path))
     return sorted(complete)
 
 
@@ -97,16 +95,3 @@ def _files_of_folder(folder: Path) -> Iterator[Path]:
     yield from sorted(one for one in folder.iterdir() if one.suffix.lower() in IMAGE_SUFFIXES)
     if is_file(folder / _PX4_PROGRAM):
         yield folder / _PX4_PROGRAM
-
-
-def _companions_of(path: Path) -> list[Path]:
-    """Return the existing buffers, materials and textures that a mesh file names."""
-    if path.suffix.lower() not in _MESH_SUFFIXES:
-        return []
-    companions: list[Path] = []
-    for name in _COMPANION.findall(path.read_text("utf-8", "replace")):
-        words = name.split(" ")
-        # A keyword and options come before a name, which may contain blanks.
-        candidates = (path.parent / " ".join(words[k:]) for k in range(len(words)))
-        companions.extend(as_used(one) for one in candidates if one.name and is_file(one))
-    return companions

@@ -7,9 +7,9 @@ depend on how many flew at once.
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
-from campaigns.expansion.expansion import Campaign, RunPlan
-from campaigns.statistics.sequential_test import SequentialTest
-from orchestrator.model.results import RunResult
+from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
+from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
+from wil_campaign.orchestrator.model.results import RunResult
 
 
 def planned(campaign: Campaign, *, arm: bool) -> tuple[RunPlan, ...]:

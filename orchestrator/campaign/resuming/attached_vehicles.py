@@ -9,19 +9,19 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from campaigns.expansion.expansion import Campaign
-from campaigns.schema import Mode
-from campaigns.setup.case_setup import Setup
-from campaigns.setup.vehicle_setups import FlownSetup
-from orchestrator.model.campaign_results import VehicleKind
-from vehicles.driver import Driver
-from vehicles.driver.session.identity import Identity, same_vehicle
-from vehicles.errors import IdentifyError
-from vehicles.links.link import Link
-from vehicles.links.link_conditions import LinkConditions, under_conditions
-from vehicles.links.link_factory import open_link
-from vehicles.links.link_strings import LinkAddress
-from vehicles.links.udp import RIVAL_REMEDY, UdpLink
+from wil_campaign.campaigns.expansion.expansion import Campaign
+from wil_campaign.campaigns.schema import Mode
+from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
+from wil_campaign.orchestrator.model.campaign_results import VehicleKind
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.session.identity import Identity, same_vehicle
+from wil_campaign.vehicles.errors import IdentifyError
+from wil_campaign.vehicles.links.link import Link
+from wil_campaign.vehicles.links.link_conditions import LinkConditions, under_conditions
+from wil_campaign.vehicles.links.link_factory import open_link
+from wil_campaign.vehicles.links.link_strings import LinkAddress
+from wil_campaign.vehicles.links.udp import RIVAL_REMEDY, UdpLink
 
 _POSITION_S = 3.0
 """How long to wait for a position and a battery state, which a vehicle may not have."""

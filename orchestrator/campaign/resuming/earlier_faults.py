@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from orchestrator.model.results_reader import ResultError, read_summary
-from worlds.files.limited_json import loads_limited
+from wil_campaign.orchestrator.model.results_reader import ResultError, read_summary
+from wil_campaign.worlds.files.limited_json import loads_limited
 
 
 def earlier_fault(folder: Path) -> str:

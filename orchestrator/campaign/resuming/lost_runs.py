@@ -1,12 +1,19 @@
 """Runs that began and have no result: how they count, and which are flown again."""
 
 from collections.abc import Callable
+from pathlib import Path
 
-from campaigns.expansion.expansion import Campaign, RunPlan
-from orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
-from orchestrator.campaign.workers.run_workers import WorkerLost
-from orchestrator.model.control_results import control_result
-from orchestrator.model.results import RunResult, SyncResult
+from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
+from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
+from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
+from wil_campaign.orchestrator.model.attempts import failed_too
+from wil_campaign.orchestrator.model.control_results import control_result
+from wil_campaign.orchestrator.model.results import RunResult, SyncResult, also_of
+from wil_campaign.orchestrator.model.run_log import read_cut_log
+from wil_campaign.safety.model.verdict import DecisiveEvent, decide
+
+_AFTER_LOG_S = 0.001
+"""What decided at the last time of the log came before the loss."""
 
 IsReal = Callable[[RunPlan], bool]
 """Whether a run has a real vehicle, and so is flown again only when a person orders it."""
@@ -28,24 +35,55 @@ def real_runs(campaign: Campaign, hardware: str) -> IsReal:
     return is_real
 
 
-def killed_program_text(run: str, what: str) -> str:
-    """Return why a run without a result is not flown again. what: what is known about it."""
+def killed_program_text(run: str, what: str, *, failure: str = "") -> str:
+    """Return why a run without a result is not flown again.
+
+    what: what is known about it. failure: that its subject had failed by then; "" for a run that a
+    real vehicle flew.
+    """
+    if failure:
+        return f"its program was killed, and {what}; {failure}, so it is not flown again"
     return (
         f"its program was killed, and {what}; it has a real vehicle, so it is not flown again "
         f"automatically: inspect the vehicle, then use --resume --again {run}"
     )
 
 
-def lost_result(plan: RunPlan, lost: WorkerLost) -> RunResult:
-    """Return the result of a run whose worker process was lost: an ERROR with the reason."""
+def lost_result(plan: RunPlan, lost: WorkerLost, folder: Path) -> RunResult:
+    """Return the result of a run whose worker process was lost: an ERROR with the reason.
+
+    folder: of its files. What decided the run before, by its log, stays its verdict, and the loss
+    is in `also`. A process that ended or hung after the goal, while the autonomy was called, is a
+    FAIL: it is what is under test. Where it ended so outside of a call, it is not flown again: the
+    autonomy's threads are in it, too.
+    """
+    log = read_cut_log(folder / "log.jsonl")
+    # Called without a stage: its log is not here, for a call is later than the first stage.
+    flew = lost.is_own_end and ("goal" in log.stages or bool(lost.called and not log.stages))
+    is_subject = flew and bool(lost.called)
+    text = f"the run was lost: {lost.reason}"
+    if is_subject:
+        text = f"the autonomy of {lost.called} did not return from a call: {lost.reason}"
+    source = f"autonomy/{lost.called}" if is_subject else ""
+    decided = [one for one in log.decisive if one.kind != "ABORTED"]
+    # A run whose campaign is lost aborts itself: the loss came before that.
+    aborted_s = (one.t_s for one in log.decisive if one.kind == "ABORTED")
+    lost_s = min(aborted_s, default=log.end_s + _AFTER_LOG_S)
+    loss = DecisiveEvent(lost_s, "FAIL" if is_subject else "ERROR", text, source)
+    decision = decide((*decided, loss), (), end_s=lost_s)
+    failures = (one.text for one in decision.also if one.kind == "FAIL")
+    no_retry = next(map(failed_too, failures), lost.no_retry)
+    if flew and not is_subject and not no_retry:
+        no_retry = "its process ended after the goal was given, with the autonomy in it"
+    faults = [one.text for one in log.decisive if one.source == "exception"]
     return RunResult(
         case=plan.case,
         mode=plan.mode,
         rep=plan.repetition,
         seed=plan.seed,
-        verdict="ERROR",
-        reason=f"the run was lost: {lost.reason}",
-        also=(),
+        verdict=decision.verdict,
+        reason=decision.reason,
+        also=also_of(decision),
         required=plan.required,
         duration_s=None,
         wall_s=0.0,
@@ -53,7 +91,13 @@ def lost_result(plan: RunPlan, lost: WorkerLost) -> RunResult:
         sync=SyncResult(),
         mixing=None,
         control=control_result(
-            plan.control, verdict="ERROR", reason=lost.reason, decided_by="", subject=""
+            plan.control,
+            verdict=decision.verdict,
+            reason=decision.reason,
+            decided_by=decision.source,
+            subject="twin" if plan.mode == "sim" else "real",
         ),
-        exceptions=(lost.fault.text,) if lost.details else (),
+        decided_by=decision.source,
+        exceptions=(*faults, lost.fault.text) if lost.details else tuple(faults),
+        no_retry=no_retry,
     )

@@ -5,8 +5,10 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from campaigns.expansion.expansion import Campaign, RunPlan
-from orchestrator.campaign.folder.campaign_folder import (
+from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
+from wil_campaign.hooks import engines
+from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
     OutputError,
     TakenError,
     earlier_folders,
@@ -14,17 +16,32 @@ from orchestrator.campaign.folder.campaign_folder import (
     make_run_folder,
     set_aside,
 )
-from orchestrator.campaign.folder.repetitions import runs_due
-from orchestrator.campaign.resuming.earlier_faults import earlier_fault
-from orchestrator.campaign.resuming.lost_runs import IsReal, killed_program_text, lost_result
-from orchestrator.campaign.resuming.resumption import ResumeError
-from orchestrator.campaign.resuming.run_ledger import OpenOrder, close_order, open_orders
-from orchestrator.campaign.resuming.unfetched_runs import fetch_stored_runs
-from orchestrator.campaign.workers.run_workers import WorkerLost
-from orchestrator.model.attempts import after_attempts, attempt_of, is_cut_off, retry_due
-from orchestrator.model.document_writer import to_json, write_whole
-from orchestrator.model.results import Attempt, RunResult
-from orchestrator.model.results_reader import ResultError, read_result
+from wil_campaign.orchestrator.campaign.folder.repetitions import runs_due
+from wil_campaign.orchestrator.campaign.resuming.earlier_faults import earlier_fault
+from wil_campaign.orchestrator.campaign.resuming.lost_runs import (
+    IsReal,
+    killed_program_text,
+    lost_result,
+)
+from wil_campaign.orchestrator.campaign.resuming.resumption import ResumeError
+from wil_campaign.orchestrator.campaign.resuming.run_ledger import (
+    OpenOrder,
+    campaign_places,
+    close_order,
+    open_orders,
+)
+from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
+from wil_campaign.orchestrator.model.attempts import (
+    after_attempts,
+    attempt_of,
+    failed_too,
+    is_cut_off,
+    retry_due,
+)
+from wil_campaign.orchestrator.model.document_writer import to_json, write_whole
+from wil_campaign.orchestrator.model.results import Attempt, RunResult
+from wil_campaign.orchestrator.model.results_reader import ResultError, read_result
+from wil_campaign.orchestrator.model.run_log import read_cut_log
 
 _LANDED_S = 120.0
 """How long a run of a killed campaign may take to land."""
@@ -69,8 +86,20 @@ def resume_campaign(
     A run with a real vehicle that began and has no result is lost: its ERROR is on the disk before
     anything flies. Raises ResumeError, OutputError, OSError.
     """
-    fetch_stored_runs(folder, say=say)
+    _fetch_runs(folder, say)
     return _Resumption(campaign, folder, rules, say, open_orders(folder)).resume()
+
+
+def _fetch_runs(folder: Path, say: Say) -> None:
+    """Have engines fetch the runs that they flew elsewhere. Raises ResumeError, OutputError."""
+    if not campaign_places(folder):
+        return
+    fetches = [one.fetch for one in added(engines).values() if one.fetch]
+    if not fetches:
+        why = "; ".join(absent(engines).values()) or "no plugin's engine can fetch them"
+        raise ResumeError(f"{folder} has runs in a store: {why}")
+    for fetch in fetches:
+        load(fetch)(folder, say=say)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,13 +162,17 @@ class _Resumption:
                     f"--again {name}: it is {result.verdict}, which counts; only a run without "
                     "PASS or FAIL can be flown again"
                 )
+            why = result.no_retry if isinstance(result, RunResult) else self._failure(name, result)
+            if why:
+                raise ResumeError(f"--again {name}: {why}; such a run is not flown again")
 
     def _is_flown_again(self, plan: RunPlan, result: RunResult) -> bool:
         """Return whether a run that has a result is flown again."""
         if plan.name in self.rules.again:
             return True
         # After Ctrl-C or the death of its parent, a run was not flown to its end.
-        is_due = result.verdict == "ABORTED" or self._was_cut_off(result)
+        is_due = result.verdict == "ABORTED" and not result.no_retry
+        is_due = is_due or self._was_cut_off(result)
         is_due = is_due or retry_due(result, retries=plan.retries)
         return is_due and not self.rules.is_real(plan)
 
@@ -149,6 +182,8 @@ class _Resumption:
 
     def _loss_text(self, plan: RunPlan, result: RunResult | str, earlier: list[Attempt]) -> str:
         """Return what is known about a begun run that may not be flown again; "" for others."""
+        if isinstance(result, str) and self._failure(plan.name, result):
+            return result
         if plan.name in self.rules.again or not self.rules.is_real(plan):
             return ""
         if isinstance(result, str) and result:
@@ -157,6 +192,16 @@ class _Resumption:
             return "it had been set aside for another flight"
         order = self.orders.get(plan.name)
         return "" if order is None else f"it was ordered from {order.node} and has no folder"
+
+    def _failure(self, name: str, result: str) -> str:
+        """Return why a run without a result is not flown again by its log; "" where it may be.
+
+        A search flies it again, as it needs the complete flight.
+        """
+        if not result or self.rules.repeats_cut_off:
+            return ""
+        log = read_cut_log(self.folder / name / "log.jsonl")
+        return next((failed_too(one.text) for one in log.decisive if one.kind == "FAIL"), "")
 
     def _earlier_attempts(self, plan: RunPlan) -> list[Attempt]:
         places = earlier_folders(self.folder, plan.name)
@@ -201,8 +246,10 @@ class _Resumption:
 
     def _record_loss(self, plan: RunPlan, what: str) -> None:
         """Count a run as lost, and write its result."""
-        home, why = self.folder / plan.name, killed_program_text(plan.name, what)
-        result = after_attempts(lost_result(plan, WorkerLost(why)), self._earlier_attempts(plan))
+        home = self.folder / plan.name
+        why = killed_program_text(plan.name, what, failure=self._failure(plan.name, what))
+        lost = lost_result(plan, WorkerLost(why), home)
+        result = after_attempts(lost, self._earlier_attempts(plan))
         make_run_folder(home, plan.name)
         if (home / _RESULT).exists():
             (home / _RESULT).rename(home / _DAMAGED)
@@ -210,7 +257,7 @@ class _Resumption:
         self.results[plan.name] = result
         if (order := self.orders.get(plan.name)) is not None:
             close_order(self.folder, order, "lost", why)
-        self.say(f"{plan.name}: ERROR, {result.reason}")
+        self.say(f"{plan.name}: {result.verdict}, {result.reason}")
 
 
 def _read_finished(home: Path, plan: RunPlan) -> RunResult | str:

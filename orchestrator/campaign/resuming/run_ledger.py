@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from orchestrator.model.document_writer import sync_folder
+from wil_campaign.orchestrator.model.document_writer import sync_folder
 
 LEDGER_FILE = "ledger.jsonl"
 LedgerEvent = Literal["ordered", "ended", "lost", "found"]

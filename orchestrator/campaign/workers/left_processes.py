@@ -1,15 +1,18 @@
-"""Ends the processes that the code of a run has started and left running."""
+"""Ends the processes and threads that the code of a run has started and left running."""
 
 import os
+import sys
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 
 import psutil
 
-from vehicles.processes.linux import UnsupportedSystemError, adopt_orphans
+from wil_campaign.vehicles.processes.linux import UnsupportedSystemError, adopt_orphans
 
 _GRACE_S = 1.0
-_OURS = ("safety.", "vehicles.")
+_OURS = ("wil_campaign.safety.", "wil_campaign.vehicles.")
 """Packages whose programs end by themselves: a guard that is still landing, and its vehicles."""
 
 
@@ -39,6 +42,23 @@ def end_descendants() -> list[str]:
             process.kill()
     _await_end(left)
     return names
+
+
+def end_despite_threads() -> None:
+    """End this process without its threads, where one that is no daemon would keep it alive.
+
+    Python waits for those without end: code of a user that goes on in one would hang the process.
+    """
+    threads = [one for one in threading.enumerate() if one is not threading.current_thread()]
+    begun_s = time.monotonic()
+    for thread in threads:
+        if not thread.daemon:
+            thread.join(max(0.0, begun_s + _GRACE_S - time.monotonic()))
+    left = [one.name for one in threads if one.is_alive() and not one.daemon]
+    if left:
+        sys.stderr.write(f"a run left threads running, and ends without them: {', '.join(left)}\n")
+        sys.stderr.flush()
+        os._exit(0)
 
 
 def _descendants(parent: psutil.Process) -> Iterator[psutil.Process]:

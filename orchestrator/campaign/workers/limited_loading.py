@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from vehicles.processes.linux import processor_wait_s
+from wil_campaign.vehicles.processes.linux import processor_wait_s
 
 LONGEST_LOADING_S = 30.0
 _GRACE_S = 5.0

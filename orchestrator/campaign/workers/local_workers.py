@@ -12,21 +12,37 @@ import signal
 import sys
 import traceback
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from multiprocessing import reduction
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any, Generic
 
-from orchestrator.campaign.workers.left_processes import adopt_descendants, end_descendants
-from orchestrator.campaign.workers.run_server import (
+from wil_campaign.orchestrator.campaign.workers.left_processes import (
+    adopt_descendants,
+    end_descendants,
+    end_despite_threads,
+)
+from wil_campaign.orchestrator.campaign.workers.run_server import (
     run_context,
     run_environment,
     start_run_server,
 )
-from orchestrator.campaign.workers.run_workers import Fly, Order, OrderDone, Outcome, WorkerLost
-from orchestrator.model.flight_place import FlightPlace
-from orchestrator.model.progress import News, ProgressLimiter
-from safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.orchestrator.campaign.workers.run_workers import (
+    Fly,
+    Order,
+    OrderDone,
+    Outcome,
+    WorkerLost,
+)
+from wil_campaign.orchestrator.model.call_marker import CallMark, adopt_mark
+from wil_campaign.orchestrator.model.flight_place import FlightPlace
+from wil_campaign.orchestrator.model.progress import News, ProgressLimiter
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.vehicles.processes.vehicle_server_process import (
+    VehicleServerProcess,
+    inherit_vehicle_server,
+)
 
 _PROGRESS_S = 0.1
 _KILLED_S = 20.0
@@ -34,20 +50,29 @@ _KILLED_S = 20.0
 _ORPHANED = "the run itself: its parent process died"
 
 
-class _Stderr:
-    """The stderr of the pool's process, sent to a worker; number: its descriptor."""
+class _SentDescriptor:
+    """A file descriptor of the pool's process, sent to a worker; number: its own, or the copy's."""
 
-    def __init__(self, number: int = 2) -> None:
+    def __init__(self, number: int) -> None:
         self.number = number
 
-    def __reduce__(self) -> "tuple[Callable[[Any], _Stderr], tuple[object]]":
+    def __reduce__(self) -> "tuple[Callable[[Any], _SentDescriptor], tuple[object]]":
         """Return how a worker unpickles it: with a duplicate of the descriptor."""
-        return _receive_stderr, (reduction.DupFd(self.number),)
+        return _receive_descriptor, (reduction.DupFd(self.number),)
 
 
-def _receive_stderr(descriptor: Any) -> _Stderr:
-    """Return the pool's stderr in a worker."""
-    return _Stderr(descriptor.detach())
+def _receive_descriptor(descriptor: Any) -> _SentDescriptor:
+    """Return the pool's descriptor in a worker."""
+    return _SentDescriptor(descriptor.detach())
+
+
+@dataclass(frozen=True, slots=True)
+class _Sent:
+    """The descriptors that a worker gets. mark: of the autonomy's calls."""
+
+    stderr: _SentDescriptor
+    mark: _SentDescriptor
+    vehicle_server: _SentDescriptor | None
 
 
 class PipeInbox:
@@ -75,14 +100,10 @@ def _work(
     connection: Connection,
     fly: "Fly[Any, Any]",
     environment: Mapping[str, str],
-    stderr: _Stderr,
+    sent: _Sent,
 ) -> None:
     """Fly an order in a worker process, and end when the parent closes the pipe."""
-    # The run server may have started with another environment and terminal than the campaign.
-    os.environ.clear()
-    os.environ.update(environment)
-    os.dup2(stderr.number, 2)
-    os.close(stderr.number)
+    _adopt(environment, sent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for number in (signal.SIGTERM, signal.SIGHUP):
         # `timeout`, a service manager and a closing terminal send these to the whole group; the
@@ -118,6 +139,19 @@ def _work(
     except Exception as error:  # noqa: BLE001  # an outcome that cannot be sent
         connection.send(OrderDone(_lost_by_exception(error)))
     _first_order(connection)  # wait until the parent has read it and closes the pipe
+    end_despite_threads()
+
+
+def _adopt(environment: Mapping[str, str], sent: _Sent) -> None:
+    """Take over what the campaign's process gives a worker."""
+    adopt_mark(sent.mark.number)
+    if sent.vehicle_server is not None:
+        inherit_vehicle_server(sent.vehicle_server.number)
+    # The run server may have started with another environment and terminal than the campaign.
+    os.environ.clear()
+    os.environ.update(environment)
+    os.dup2(sent.stderr.number, 2)
+    os.close(sent.stderr.number)
 
 
 def _first_order(connection: Connection) -> Any:  # of the type that `fly` takes
@@ -138,14 +172,21 @@ def _lost_by_exception(error: BaseException) -> WorkerLost:
 
 
 class LocalWorker(Generic[Order, Outcome]):
-    """A worker process of this machine, and the pipe to it. completed: see LocalWorkers."""
+    """A worker process of this machine, and the pipe to it. completed: see LocalWorkers.
+
+    mark: of the autonomy's calls in the process. prepare: called before an order is sent.
+    """
 
     def __init__(
         self,
         process: BaseProcess,
         connection: Connection,
         completed: Callable[[Order], Outcome | None],
+        mark: CallMark,
+        prepare: Callable[[Order], None] = lambda _: None,
     ) -> None:
+        self._prepare = prepare
+        self._mark = mark
         self._process = process
         self._connection = connection
         self._completed = completed
@@ -159,6 +200,7 @@ class LocalWorker(Generic[Order, Outcome]):
     async def begin(self, order: Order) -> None:
         """Send the order to the process. Raises OSError."""
         self._order = order
+        self._prepare(order)
         self._connection.send(order)
 
     async def receive(self) -> object:
@@ -187,7 +229,11 @@ class LocalWorker(Generic[Order, Outcome]):
         outcome = None if self._order is None else self._completed(self._order)
         if outcome is not None:
             return outcome
-        return WorkerLost(reason or _exit_text(self._process.exitcode))
+        return WorkerLost(
+            reason or _exit_text(self._process.exitcode),
+            is_own_end=True,
+            called=self._mark.vehicle,
+        )
 
     async def end(self) -> str:
         """End the process; return in words what was wrong with its end."""
@@ -213,19 +259,26 @@ class LocalWorkers(Generic[Order, Outcome]):
     """Starts worker processes on this machine. fly: flies an order, in the process.
 
     completed: returns the outcome that an order's process completed before it was lost, or None.
+    forks_vehicles: returns whether an order's vehicles are processes, which a server forks for all
+    orders; None for no such server.
     """
 
     def __init__(
         self,
         fly: "Fly[Order, Outcome]",
         completed: Callable[[Order], Outcome | None] = lambda _: None,
+        forks_vehicles: Callable[[Order], bool] | None = None,
     ) -> None:
+        self._forks_vehicles = forks_vehicles
+        self._vehicle_server: VehicleServerProcess | None = None
         self._fly = fly
         self._completed = completed
         self._context = run_context()
 
     async def start(self) -> LocalWorker[Order, Outcome]:
         """Return a new worker process; the run server may take seconds to start, in a thread."""
+        if self._forks_vehicles is not None and self._vehicle_server is None:
+            self._vehicle_server = VehicleServerProcess()
         loop = asyncio.get_running_loop()
         starting = loop.run_in_executor(None, self._start)
         try:
@@ -235,20 +288,42 @@ class LocalWorkers(Generic[Order, Outcome]):
             raise
 
     async def close(self) -> None:
-        """Do nothing: the run server ends with its campaign."""
+        """Close the server of vehicles; the run server ends with its campaign."""
+        if self._vehicle_server is not None:
+            await self._vehicle_server.close()
+            self._vehicle_server = None
+
+    def _prepare(self, order: Order) -> None:
+        """Start what an order's run asks for processes."""
+        server, forks = self._vehicle_server, self._forks_vehicles
+        if server is not None and forks is not None and forks(order):
+            server.start()
 
     def _start(self) -> LocalWorker[Order, Outcome]:
         start_run_server()  # it may have been killed
         ours, theirs = self._context.Pipe()
+        mark, server = CallMark(), self._vehicle_server
         process = self._context.Process(
             target=_work,
-            args=(theirs, self._fly, run_environment(), _Stderr()),
+            args=(
+                theirs,
+                self._fly,
+                run_environment(),
+                _Sent(
+                    _SentDescriptor(2),
+                    _SentDescriptor(mark.descriptor),
+                    None if server is None else _SentDescriptor(server.descriptor),
+                ),
+            ),
             name="wil-campaign run",
             daemon=False,
         )
-        process.start()
+        try:
+            process.start()
+        finally:
+            os.close(mark.descriptor)
         theirs.close()
-        return LocalWorker(process, ours, self._completed)
+        return LocalWorker(process, ours, self._completed, mark, self._prepare)
 
 
 async def await_message(connection: Connection) -> None:

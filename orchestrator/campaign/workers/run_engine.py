@@ -5,12 +5,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from campaigns.expansion.expansion import Campaign
-from orchestrator.campaign.workers.local_workers import LocalWorkers
-from orchestrator.campaign.workers.run_order import completed_run, fly_order
-from orchestrator.campaign.workers.run_workers import Workers
-from orchestrator.model.results import RunResult
-from orchestrator.state.run_setup import RunOrder
+from wil_campaign.campaigns.expansion.expansion import Campaign
+from wil_campaign.orchestrator.campaign.workers.local_workers import LocalWorkers
+from wil_campaign.orchestrator.campaign.workers.run_order import (
+    completed_run,
+    flies_processes,
+    fly_order,
+)
+from wil_campaign.orchestrator.campaign.workers.run_workers import Workers
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.state.run_setup import RunOrder
+
+LOCAL = "local"
+"""The engine of this machine, as `--engine` names it."""
 
 
 class EngineError(Exception):
@@ -53,4 +60,4 @@ class LocalRunEngine:
         say: Callable[[str], None],  # noqa: ARG002
     ) -> LocalWorkers[RunOrder, RunResult]:
         """Return worker processes, forked from the run server."""
-        return LocalWorkers(fly_order, completed_run)
+        return LocalWorkers(fly_order, completed_run, flies_processes)

@@ -1,20 +1,53 @@
 """Flies one order in a worker process: loads its files, flies, writes the result."""
 
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
-from orchestrator.campaign.folder.campaign_folder import OutputError, held_run, make_run_folder
-from orchestrator.campaign.workers.limited_loading import limited_loading
-from orchestrator.campaign.workers.run_output import kept_output
-from orchestrator.model.attempts import after_attempts
-from orchestrator.model.document_writer import sync_files, to_json, write_whole
-from orchestrator.model.operator_command import Inbox
-from orchestrator.model.progress import Report
-from orchestrator.model.results import RunResult
-from orchestrator.model.results_reader import ResultError, read_result
-from orchestrator.state.run_setup import RunOrder, RunSetup
-from worlds.files.references import forget_loaded
+from wil_campaign.campaigns.setup.case_files import CaseFiles
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
+    OutputError,
+    held_run,
+    make_run_folder,
+)
+from wil_campaign.orchestrator.campaign.folder.named_files import document_place
+from wil_campaign.orchestrator.campaign.workers.limited_loading import limited_loading
+from wil_campaign.orchestrator.campaign.workers.run_output import kept_output
+from wil_campaign.orchestrator.model.attempts import after_attempts
+from wil_campaign.orchestrator.model.document_writer import sync_files, to_json, write_whole
+from wil_campaign.orchestrator.model.operator_command import Inbox
+from wil_campaign.orchestrator.model.progress import Progress, Report
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.model.results_reader import ResultError, read_result
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.worlds.files.documents import Document
+from wil_campaign.worlds.files.user_modules import all_user_files, forget_user_modules
 
 _RESULT = "result.json"
+
+
+def resolve_order(order: RunOrder) -> RunOrder:
+    """Return an order in which every path is absolute.
+
+    So it means the same on a node, and after an autonomy's os.chdir.
+    """
+    resolved = map_documents(order, lambda one: replace(one, path=document_place(one.path)))
+    campaign = None if order.campaign is None else order.campaign.absolute()
+    return replace(resolved, folder=order.folder.absolute(), campaign=campaign)
+
+
+def map_documents(order: RunOrder, change: Callable[[Document], Document]) -> RunOrder:
+    """Return an order with each document of its case changed."""
+    files = order.plan.files
+    changed = CaseFiles(
+        campaign=change(files.campaign),
+        world=None if files.world is None else change(files.world),
+        recipe=None if files.recipe is None else change(files.recipe),
+        fences={name: change(one) for name, one in files.fences.items()},
+    )
+    return replace(order, plan=replace(order.plan, files=changed))
 
 
 def _require_unflown(folder: Path) -> None:
@@ -27,16 +60,18 @@ def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
     """Fly the run of an order and write its result.json; return the result once on the disk.
 
     The run's folder is locked meanwhile: a resumed campaign waits until this has landed, also
-    when the campaign that ordered it has died.
+    when the campaign that ordered it has died. A video is made last: whatever becomes of it, the
+    result is there.
     """
     # Only the run server imports these; a process that only sends orders does not need them.
     import cv2  # noqa: PLC0415
 
-    from orchestrator.run.flight.run import fly  # noqa: PLC0415
-    from orchestrator.run.stages.return_flight import return_setup  # noqa: PLC0415
+    from wil_campaign.orchestrator.run.flight.run import fly  # noqa: PLC0415
+    from wil_campaign.orchestrator.run.stages.return_flight import return_setup  # noqa: PLC0415
 
+    order = resolve_order(order)
     cv2.setNumThreads(1)  # runs share the cores by processes
-    forget_loaded()  # an earlier run of this process must not affect this one
+    forget_user_modules()  # an earlier run of this process must not affect this one
     make_run_folder(order.folder, order.plan.name)
     with held_run(order.folder):
         _require_unflown(order.folder)
@@ -46,11 +81,56 @@ def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
             if order.back is not None:
                 setup = return_setup(setup, order.back)
             result = after_attempts(fly(setup, report, inbox), order.attempts)
+            result = replace(result, code=_imported_code(order))
             order.folder.mkdir(parents=True, exist_ok=True)  # it may have been removed in flight
             sync_files(order.folder)
             _require_unflown(order.folder)  # a file system may have no locks
             write_whole(order.folder / _RESULT, to_json(result))
+            if _is_filmed(setup, result):
+                result = _filmed(order, result, report)
     return result
+
+
+def _is_filmed(setup: RunSetup, result: RunResult) -> bool:
+    """Return whether the campaign wants a video of a run."""
+    wanted = setup.campaign.record.video
+    if wanted == "failed":
+        return result.went_wrong or result.rep == 1
+    return wanted == "always"
+
+
+def _filmed(order: RunOrder, result: RunResult, report: Report) -> RunResult:
+    """Make a run's video; return the result with it. Without one the run's output says why."""
+    from wil_campaign.orchestrator.recording import run_video  # noqa: PLC0415 - as above
+
+    def passed(t_s: float) -> None:
+        # A process that sends nothing for long is taken for one that hangs.
+        text = f"{run_video.FILE_NAME} is made"
+        run = (result.case, result.mode, result.rep)
+        report(Progress(*run, "end", t_s, verdict_so_far=result.verdict, text=text))
+
+    try:
+        if not run_video.make_video(order.folder, passed=passed):
+            return result
+        files = tuple(sorted({*result.artifacts, run_video.FILE_NAME}))
+        filmed = replace(result, artifacts=files)
+        write_whole(order.folder / _RESULT, to_json(filmed))
+    except Exception as error:  # noqa: BLE001 - the result is worth more than its video
+        sys.stderr.write(f"{run_video.FILE_NAME} was not made: {type(error).__name__}: {error}\n")
+        return result
+    return filmed
+
+
+def _imported_code(order: RunOrder) -> dict[str, str]:
+    """Return the files of the user's code that this run imported, by path, with SHA-256."""
+    home = order.plan.files.campaign.path.resolve().parent
+    named = {os.path.relpath(path, home): digest for path, digest in all_user_files().items()}
+    return dict(sorted(named.items()))
+
+
+def flies_processes(order: RunOrder) -> bool:
+    """Return whether the vehicles of an order's run are processes."""
+    return order.clock != "virtual"
 
 
 def completed_run(order: RunOrder) -> RunResult | None:

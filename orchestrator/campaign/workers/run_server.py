@@ -9,13 +9,16 @@ import multiprocessing as mp
 import os
 import socket
 import stat
+import tempfile
 import threading
 from collections.abc import Iterator
-from multiprocessing import forkserver
+from multiprocessing import forkserver, util
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 
-_PRELOADED = "orchestrator.campaign.workers.run_server_imports"
+from wil_campaign.safety.guard.process.runtime_folder import open_runtime_folder
+
+_PRELOADED = "wil_campaign.orchestrator.campaign.workers.run_server_imports"
 _SAFE_PATH = "PYTHONSAFEPATH"
 _STARTING = threading.Lock()
 """Held while the environment of this process is that of the run server."""
@@ -31,10 +34,12 @@ def run_context() -> ForkServerContext:
 def start_run_server() -> None:
     """Start the run server unless it runs; it imports while the caller continues.
 
-    It is a `python -c`, which would import a user's random.py in the current folder as ours.
+    It is a `python -c`, which would import a user's random.py in the current folder as ours. Raises
+    RuntimeFolderError.
     """
     run_context()
     with _STARTING:
+        _shorten_socket_paths()
         before = os.environ.get(_SAFE_PATH)
         os.environ[_SAFE_PATH] = "1"
         try:
@@ -43,6 +48,19 @@ def start_run_server() -> None:
             del os.environ[_SAFE_PATH]
             if before is not None:
                 os.environ[_SAFE_PATH] = before
+
+
+def _shorten_socket_paths() -> None:
+    """Have `multiprocessing` make its sockets in our runtime folder, where their paths fit.
+
+    A path in TMPDIR may be longer than the 107 bytes of sockaddr_un, unix(7).
+    """
+    before = tempfile.tempdir
+    tempfile.tempdir = str(open_runtime_folder().path)
+    try:
+        util.get_temp_dir()  # is made once, and inherited by all processes of runs
+    finally:
+        tempfile.tempdir = before
 
 
 def run_environment() -> dict[str, str]:

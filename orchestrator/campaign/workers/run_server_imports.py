@@ -13,13 +13,14 @@ gc.disable()  # imported objects stay
 
 import cv2
 
-import orchestrator.campaign.workers.run_order
-import orchestrator.run.flight.run
-import orchestrator.run.stages.return_flight
-from orchestrator.campaign.workers.run_server import remove_listeners_at_exit
-from orchestrator.run.perception.warm_up import load_kept_kernels
+from wil_campaign.orchestrator.campaign.workers import run_order
+from wil_campaign.orchestrator.campaign.workers.run_server import remove_listeners_at_exit
+from wil_campaign.orchestrator.recording import run_video, video
+from wil_campaign.orchestrator.run.flight import run
+from wil_campaign.orchestrator.run.perception.warm_up import load_kept_kernels
+from wil_campaign.orchestrator.run.stages import return_flight
 
-__all__ = ["orchestrator"]
+__all__ = ["return_flight", "run", "run_order", "run_video", "video"]
 
 for _number in (signal.SIGTERM, signal.SIGHUP):
     # These signals reach the whole process group; the server ends when its campaign does.

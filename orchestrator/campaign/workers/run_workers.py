@@ -4,11 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
-from orchestrator.model.faults import Fault
-from orchestrator.model.flight_place import FlightPlace
-from orchestrator.model.operator_command import Inbox
-from orchestrator.model.progress import Report
-from safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.orchestrator.model.faults import Fault
+from wil_campaign.orchestrator.model.flight_place import FlightPlace
+from wil_campaign.orchestrator.model.operator_command import Inbox
+from wil_campaign.orchestrator.model.progress import Report
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 Order = TypeVar("Order")
 Outcome = TypeVar("Outcome")
@@ -22,11 +22,17 @@ class WorkerLost:
     """A worker's order without an outcome: its process died or raised.
 
     details: the traceback of what it raised; empty where it died. kind: its type's name.
+    is_own_end: its process ended or hung by itself, while its campaign and machine went on. called:
+    the vehicle whose autonomy was being called then; "" for none. no_retry: why the run is not
+    flown again, where that is known without its files.
     """
 
     reason: str
     details: str = ""
     kind: str = ""
+    is_own_end: bool = False
+    called: str = ""
+    no_retry: str = ""
 
     @property
     def fault(self) -> Fault:

@@ -1,14 +1,16 @@
-"""`wil-campaign fence`: sends new fences to the vehicles in flight on this machine."""
+"""`wil-campaign fence`: sends new fences to the vehicles of a campaign in flight."""
 
 import secrets
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from orchestrator.cli.commands.operate import NONE_OBEYED, account, find_campaigns
-from orchestrator.cli.standard_streams import err, out
-from orchestrator.operator.campaign_records import Place
-from orchestrator.operator.socket_client import NoAnswerError, ask
-from safety.guard.operator.operator_lines import LONGEST_LINE_BYTES
+from wil_campaign.orchestrator.cli.commands.operate import All, account, who_option
+from wil_campaign.orchestrator.cli.flight_choice import NONE_OBEYED, TypedCommand, choose_flights
+from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.operator.campaign_records import Place
+from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask
+from wil_campaign.safety.guard.operator.operator_lines import LONGEST_LINE_BYTES
 
 _ANSWERS_S = 60.0
 """Half of this for an upload over a bad radio, half for restoring the old fence."""
@@ -17,19 +19,24 @@ _LONGEST_FILE_BYTES = LONGEST_LINE_BYTES // 2
 """The text grows when it is written as JSON, and the line has to fit."""
 
 
-def fence(file: Path, folder: Path | None = None, *, who: str | None = None) -> int:
-    """Send new fences to the vehicles in flight on this machine, for the rest of their runs.
+def fence(
+    file: Path, folder: Path | None = None, *, all_: All = False, who: str | None = None
+) -> int:
+    """Send new fences to the vehicles of a campaign in flight, for the rest of their runs.
 
     Every vehicle must be inside its new fence and able to stop there, and every autopilot must
-    accept it; otherwise nothing changes.
+    accept it; otherwise nothing changes. Where several campaigns are in the air they are listed
+    and nothing is sent: exit code 2.
 
     Parameters
     ----------
     file
-        A `geofence` as in a campaign, a QGroundControl .plan, or GeoJSON; the last two keep
-        the floor and ceiling of the present fences.
+        A `geofence` as in a campaign, a QGroundControl .plan, Mission Planner's .waypoints, or
+        GeoJSON; the last three keep the floor and ceiling of the present fences.
     folder
-        The campaign's folder; needed where several fly.
+        The campaign's folder; needed where several are in the air.
+    all_
+        All campaigns in the air on this machine, or beneath the folder: each gets this fence.
     who
         Your name, for the record; by default that of your account.
     """
@@ -41,19 +48,20 @@ def fence(file: Path, folder: Path | None = None, *, who: str | None = None) -> 
     if len(document.encode()) > _LONGEST_FILE_BYTES:
         err(f"{file} has more than {_LONGEST_FILE_BYTES} bytes")
         return 2
-    flying = find_campaigns(folder)
-    if flying is None:
-        return NONE_OBEYED
-    if len(flying.campaigns) > 1:
-        # A fence is drawn for one world; unlike an abort it cannot be for several campaigns.
-        folders = ", ".join(str(campaign.folder) for campaign in flying.campaigns)
-        err(f"several campaigns are in flight; name one by its folder: {folders}")
-        return NONE_OBEYED
-    answers = [
-        _change_fences(campaign, document, f"cli:{who or account()}")
-        for campaign in flying.campaigns
+    typed = TypedCommand("change the fence of", ("fence", str(file)), who_option(who))
+    flying = choose_flights(folder, typed, is_all=all_)
+    if isinstance(flying, int):
+        return flying
+    by = f"cli:{who or account()}"
+    orphans = [
+        guard for one in flying.by_campaign().values() if not one.campaigns for guard in one.guards
     ]
-    return 0 if answers and all(answers) else NONE_OBEYED
+    for guard in orphans:
+        err(f"{guard.name}: its program has ended; its guard keeps the present fence, and lands")
+    with ThreadPoolExecutor(max(1, len(flying.campaigns))) as threads:
+        asked = threads.map(lambda one: _change_fences(one, document, by), flying.campaigns)
+        answers = list(asked)
+    return 0 if answers and all(answers) and not orphans else NONE_OBEYED
 
 
 def _change_fences(campaign: Place, document: str, who: str) -> bool:

@@ -1,4 +1,4 @@
-"""`wil-campaign list`: lists campaigns, recipe steps, autonomies, oracles and STL signals."""
+"""`wil-campaign list`: lists campaigns, recipe steps, autonomies, oracles, signals, plugins."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -9,18 +9,22 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-import campaigns
-from campaigns.setup.autonomy_under_test import shipped_autonomies
-from orchestrator.cli.standard_streams import out
-from orchestrator.cli.text_table import table
-from recipes.language.step_docs import StepDoc, describe_step
-from recipes.model.registry import steps
-from safety.oracles import registry
-from safety.oracles.oracle_docs import ParameterDoc, common_parameters, describe_oracles
-from safety.oracles.stl_signals import signal_docs
-from worlds.files.documents import BadInput, load
+from wil_campaign import campaigns
+from wil_campaign.campaigns.setup.autonomy_under_test import shipped_autonomies
+from wil_campaign.installed_plugins import installed
+from wil_campaign.orchestrator.cli.standard_streams import out
+from wil_campaign.orchestrator.cli.text_table import table
+from wil_campaign.recipes.language.step_docs import StepDoc, describe_step
+from wil_campaign.recipes.model.registry import steps
+from wil_campaign.safety.oracles.oracle_docs import (
+    ParameterDoc,
+    common_parameters,
+    describe_oracles,
+)
+from wil_campaign.safety.oracles.registry import oracle_kinds
+from wil_campaign.worlds.files.documents import BadInput, load
 
-What = Literal["campaigns", "operators", "autonomies", "oracles", "signals"]
+What = Literal["campaigns", "operators", "autonomies", "oracles", "signals", "plugins"]
 Row = dict[str, Any]
 
 _WIDTH = 100
@@ -29,14 +33,15 @@ _WIDTH = 100
 def list_available(
     what: What, *, json_: Annotated[bool, Parameter(name="--json", negative=())] = False
 ) -> int:
-    """List what campaigns can name: operators, autonomies, oracles, signals; and campaigns.
+    """List what campaigns can name: operators, autonomies, oracles, signals; campaigns; plugins.
 
     Parameters
     ----------
     what
         campaigns: those in ./campaigns and those of the program; operators: steps of
         recipes; autonomies: what `autonomy.use` may name; oracles: what `oracles` may name;
-        signals: what formulas of oracles (stl) may name.
+        signals: what formulas of oracles (stl) may name; plugins: what extends the program, of
+        which distribution, and what each adds.
     json_
         Print one JSON document.
     """
@@ -81,21 +86,36 @@ def _autonomies() -> list[Row]:
 
 def _oracle_rows() -> list[Row]:
     """Return the listing of oracles."""
-    return [asdict(describe_oracles(spec)) for _, spec in sorted(registry.items())]
+    return [asdict(describe_oracles(spec)) for _, spec in sorted(oracle_kinds().items())]
 
 
 def _signals() -> list[Row]:
     """Return the listing of STL signals."""
     return [
-        {"name": name, "unit": kind.unit or "true or false", "meaning": kind.meaning}
-        for name, kind in signal_docs().items()
+        {"name": name, "unit": unit or "true or false", "meaning": meaning}
+        for kind in oracle_kinds().values()
+        for name, (unit, meaning) in kind.signals().items()
+    ]
+
+
+def _plugins() -> list[Row]:
+    """Return the listing of plugins."""
+    return [
+        {
+            "name": each.name,
+            "origin": each.origin,
+            "adds": "; ".join(
+                f"{hook.replace('_', ' ')}: {', '.join(names)}" for hook, names in each.adds.items()
+            ),
+        }
+        for each in installed()
     ]
 
 
 def _oracle_text() -> str:
     """Return the listing of oracles as text, with their and the common parameters."""
     lines: list[str] = []
-    for _, spec in sorted(registry.items()):
+    for _, spec in sorted(oracle_kinds().items()):
         doc = describe_oracles(spec)
         fast = "; lands at once when it fails" if doc.fail_fast else ""
         lines += [
@@ -158,4 +178,5 @@ _LISTS: dict[What, Callable[[], list[Row]]] = {
     "autonomies": _autonomies,
     "oracles": _oracle_rows,
     "signals": _signals,
+    "plugins": _plugins,
 }

@@ -4,11 +4,21 @@ import getpass
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Annotated
 
-from orchestrator.cli.standard_streams import err, out
-from orchestrator.operator.acknowledgements import WITHIN_S, runs_text
-from orchestrator.operator.campaign_records import Place, Places, places
-from orchestrator.operator.local_commands import (
+from cyclopts import Parameter
+
+from wil_campaign.orchestrator.cli.flight_choice import (
+    NONE_OBEYED,
+    TypedCommand,
+    choose_flights,
+    list_flights,
+    newcomers,
+)
+from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.operator.acknowledgements import WITHIN_S, runs_text
+from wil_campaign.orchestrator.operator.campaign_records import Place, Places
+from wil_campaign.orchestrator.operator.local_commands import (
     CommandReply,
     abort_place,
     asked_of,
@@ -16,32 +26,35 @@ from orchestrator.operator.local_commands import (
     unconfirmed,
     unconfirmed_texts,
 )
-from orchestrator.operator.socket_client import NoAnswerError, ask
-from safety.guard.core.operator_command import OperatorKind
-from safety.guard.process.runtime_folder import unsafe_folders
+from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask
+from wil_campaign.safety.guard.core.operator_command import OperatorKind
 
 _POLL_S = 0.1
-NONE_OBEYED = 3
-"""The exit code when no run is in flight, or a flight does not confirm a command."""
+
+
+All = Annotated[bool, Parameter(name="--all", negative=())]
 
 
 def abort(
     folder: Path | None = None,
     *,
+    all_: All = False,
     node: str | None = None,
     bench: str | None = None,
     who: str | None = None,
 ) -> int:
-    """Land all vehicles in flight on this machine at once, and end their campaigns.
+    """Land all vehicles of a campaign at once, and end it.
 
-    The command goes to all guards and campaigns at once, and works even when the program that
-    started them has died. A process whose socket does not answer gets SIGTERM, on which it lands
-    as well.
+    The command goes to all its guards and to its program at once, and works even when that program
+    has died. A process whose socket does not answer gets SIGTERM, on which it lands as well. Where
+    several campaigns are in the air they are listed and nothing is sent: exit code 2.
 
     Parameters
     ----------
     folder
-        Only the campaign or run with this results folder.
+        The campaign's folder; needed where several are in the air.
+    all_
+        All campaigns in the air on this machine, or beneath the folder: for an emergency.
     node
         Only the runs on this node of a cluster: they land, nothing more is flown there, and the
         campaign continues elsewhere.
@@ -51,79 +64,74 @@ def abort(
         Your name, for the record; by default that of your account.
     """
     if node is None and bench is None:
-        return _command("abort", folder, who)
-    flying = find_campaigns(folder)
-    if flying is None:
-        return NONE_OBEYED
+        return _command("abort", "land", folder, who, is_all=all_)
+    at_node = () if node is None else ("--node", node)
+    at_bench = () if bench is None else ("--bench", bench)
+    typed = TypedCommand("land those runs of", ("abort",), (*at_node, *at_bench, *who_option(who)))
+    flying = choose_flights(folder, typed, is_all=all_)
+    if isinstance(flying, int):
+        return flying
     replies = abort_place(flying, f"cli:{who or account()}", node=node or "", bench=bench or "")
     shown = _show(replies)
     return _check(shown, asked_of(flying, shown))
 
 
-def hold(folder: Path | None = None, *, who: str | None = None) -> int:
-    """Make all vehicles in flight hold their position, and start no run, until `resume`.
+def hold(folder: Path | None = None, *, all_: All = False, who: str | None = None) -> int:
+    """Make all vehicles of a campaign hold their position, and start no run, until `resume`.
 
-    A run that is held after its goal was given is INVALID.
-
-    Parameters
-    ----------
-    folder
-        Only the campaign or run with this results folder.
-    who
-        Your name, for the record; by default that of your account.
-    """
-    return _command("hold", folder, who)
-
-
-def resume(folder: Path | None = None, *, who: str | None = None) -> int:
-    """Resume the runs that are held.
+    A run that is held after its goal was given is INVALID. Where several campaigns are in the air
+    they are listed and nothing is sent: exit code 2.
 
     Parameters
     ----------
     folder
-        Only the campaign or run with this results folder.
+        The campaign's folder; needed where several are in the air.
+    all_
+        All campaigns in the air on this machine, or beneath the folder.
     who
         Your name, for the record; by default that of your account.
     """
-    return _command("resume", folder, who)
+    return _command("hold", "hold", folder, who, is_all=all_)
 
 
-def find_campaigns(folder: Path | None) -> Places | None:
-    """Return the flights that a command is for; None, after a message, when there are none."""
-    flying = list_flights(folder)
-    if flying is None:
-        return None
-    if not flying.campaigns and not flying.guards:
-        err(
-            "no campaign is in flight on this machine"
-            if folder is None
-            else f"no run is in flight in {folder}"
-        )
-        for text in unsafe_folders():
-            err(f"{text}: this folder was not searched")
-        return None
-    return flying
+def resume(folder: Path | None = None, *, all_: All = False, who: str | None = None) -> int:
+    """Resume the runs of a campaign that are held.
+
+    Where several campaigns are in the air they are listed and nothing is sent: exit code 2.
+
+    Parameters
+    ----------
+    folder
+        The campaign's folder; needed where several are in the air.
+    all_
+        All campaigns in the air on this machine, or beneath the folder.
+    who
+        Your name, for the record; by default that of your account.
+    """
+    return _command("resume", "resume", folder, who, is_all=all_)
 
 
-def list_flights(folder: Path | None) -> Places | None:
-    """Return the flights beneath a folder, possibly none; None, after a message, on an OSError."""
-    try:
-        return places().beneath(folder)
-    except OSError as error:
-        where = "" if error.filename is None else f"{error.filename}: "
-        err(
-            "the records of this machine's flights cannot be read: "
-            f"{where}{error.strerror or error}; check who may read this folder"
-        )
-        return None
+def _command(
+    kind: OperatorKind, verb: str, folder: Path | None, who: str | None, *, is_all: bool
+) -> int:
+    """Send an operator's command to the chosen flights; return the exit code.
 
-
-def _command(kind: OperatorKind, folder: Path | None, who: str | None) -> int:
-    """Send an operator's command to the flights; return the exit code."""
-    flying = find_campaigns(folder)
-    if flying is None:
-        return NONE_OBEYED
-    return _check(_show(send_command(flying, kind, f"cli:{who or account()}")), flying)
+    With --all it goes to what begins meanwhile as well, until nothing new is found.
+    """
+    typed = TypedCommand(verb, (kind,), who_option(who))
+    chosen = choose_flights(folder, typed, is_all=is_all)
+    if isinstance(chosen, int):
+        return chosen
+    commanded, replies = chosen, _show(send_command(chosen, kind, f"cli:{who or account()}"))
+    while is_all:
+        more = newcomers(folder, commanded)
+        if more is None:
+            return NONE_OBEYED
+        if not more.campaigns and not more.guards:
+            break
+        replies += _show(send_command(more, kind, f"cli:{who or account()}"))
+        commanded |= more
+    return _check(replies, commanded)
 
 
 def _show(replies: Iterable[CommandReply]) -> list[CommandReply]:
@@ -183,6 +191,11 @@ def _acknowledged(campaign: Place) -> dict[str, dict[str, str]] | None:
         flying = list_flights(campaign.folder)
         return None if flying is None or campaign in flying.campaigns else {}
     return found if isinstance(found, dict) else {}
+
+
+def who_option(who: str | None) -> tuple[str, ...]:
+    """Return the option with the operator's name as it was typed."""
+    return () if who is None else ("--who", who)
 
 
 def account() -> str:

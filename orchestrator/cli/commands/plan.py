@@ -6,11 +6,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from campaigns.expansion.expansion import Campaign, load_campaign
-from campaigns.statistics.proportions import flights_without_failure, least_pass_rate
-from orchestrator.cli.run_selection import ALL, Choice
-from orchestrator.cli.standard_streams import out
-from orchestrator.cli.text_table import count_text, table
+from wil_campaign.campaigns.expansion.expansion import Campaign, load_campaign
+from wil_campaign.campaigns.statistics.proportions import flights_without_failure, least_pass_rate
+from wil_campaign.orchestrator.cli.run_selection import ALL, Choice
+from wil_campaign.orchestrator.cli.standard_streams import out
+from wil_campaign.orchestrator.cli.text_table import count_text, table
 
 _CLAIMS = (0.80, 0.90, 0.95, 0.99)
 """Pass rates for which the plan states how many flights without a failure show them."""

@@ -5,17 +5,18 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from campaigns.expansion.expansion import Campaign, Options, load_campaign
-from campaigns.search.search_file import has_search, read_search
-from campaigns.setup.bench_file import Bench, load_benches, read_bench
-from orchestrator.cli.clock_choice import clock_for, external_needs
-from orchestrator.cli.standard_streams import err, out
-from orchestrator.cli.text_table import count_text
-from orchestrator.model.clock import Clock
-from recipes.language.recipe_document import load_recipe
-from recipes.language.recipe_files import load_recipe_document
-from worlds.files.documents import BadInput, Problem
-from worlds.world_file.world import World
+from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.campaigns.setup.bench_file import Bench, load_benches, read_bench
+from wil_campaign.hooks import campaign_keys
+from wil_campaign.installed_plugins import added, load
+from wil_campaign.orchestrator.cli.clock_choice import clock_for, external_needs
+from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.cli.text_table import count_text
+from wil_campaign.orchestrator.model.clock import Clock
+from wil_campaign.recipes.language.recipe_document import load_recipe
+from wil_campaign.recipes.language.recipe_files import load_recipe_document
+from wil_campaign.worlds.files.documents import BadInput, Problem
+from wil_campaign.worlds.world_file.world import World
 
 
 def validate(
@@ -74,8 +75,9 @@ def _check_file(file: Path, clock: Clock | None, options: Options) -> str:
     campaign = load_campaign(file, options)
     for warning in campaign.warnings:
         err(f"warning: {warning}")
-    if has_search(campaign):
-        read_search(campaign)
+    for name, key in added(campaign_keys).items():
+        if campaign.document.get((name,)) is not None:
+            load(key.check)(campaign)
     chosen = clock_for(campaign, clock)
     outside = ", ".join(dict.fromkeys(one.name for one in external_needs(campaign)))
     because = f"; {chosen} clock, for {outside}" if outside else ""

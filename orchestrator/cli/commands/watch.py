@@ -8,12 +8,21 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from orchestrator.cli.commands.operate import NONE_OBEYED, find_campaigns, list_flights
-from orchestrator.cli.standard_streams import out
-from orchestrator.operator.campaign_records import Place, Places
-from orchestrator.operator.socket_client import NoAnswerError, ask
+from wil_campaign.orchestrator.cli.flight_choice import (
+    NONE_OBEYED,
+    find_campaigns,
+    list_flights,
+    status_line,
+)
+from wil_campaign.orchestrator.cli.standard_streams import out
+from wil_campaign.orchestrator.model.acceptance_texts import required_text
+from wil_campaign.orchestrator.operator.campaign_records import Place, Places
+from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask
+from wil_campaign.orchestrator.reading.errors import ResultsFolderError
+from wil_campaign.orchestrator.reading.results_folder import read_campaign
 
 _EVERY_S = 0.5
+_WORDS = {True: "accepted", False: "not accepted", None: "nothing required was flown"}
 
 
 def watch(
@@ -34,9 +43,11 @@ def watch(
     if flying is None:
         return NONE_OBEYED
     last: dict[Path, str] = {}
+    seen: dict[Path, str] = {}
     while flying.campaigns or flying.guards:
+        seen |= {place.folder: place.name for place in flying.campaigns}
         for place, status in _statuses(flying):
-            line = json.dumps(status) if json_ else _line(place, status)
+            line = json.dumps(status) if json_ else status_line(place, status)
             if json_ or last.get(place.socket) != line:
                 out(line)
             last[place.socket] = line
@@ -44,7 +55,20 @@ def watch(
         flying = list_flights(folder)
         if flying is None:
             return NONE_OBEYED
+    for flown, name in () if json_ else seen.items():
+        out(_verdict_line(flown, name))
     return 0
+
+
+def _verdict_line(folder: Path, name: str) -> str:
+    """Return how a campaign that is over ended, by its summary."""
+    try:
+        summary = read_campaign(folder).summary
+    except ResultsFolderError:
+        summary = None
+    if summary is None:
+        return f"{name}: over, and {folder} has no readable summary"
+    return f"{name}: {_WORDS[summary.accepted]}; {required_text(summary.runs)}; results: {folder}"
 
 
 def _statuses(flying: Places) -> Iterator[tuple[Place, dict[str, Any]]]:
@@ -55,28 +79,3 @@ def _statuses(flying: Places) -> Iterator[tuple[Place, dict[str, Any]]]:
         except NoAnswerError:
             continue  # It may just have ended.
         yield place, {key: value for key, value in status.items() if key not in {"ok", "text"}}
-
-
-def _line(place: Place, status: dict[str, Any]) -> str:
-    """Return the line that `watch` prints about a campaign or guard."""
-    if "vehicles" in status:
-        phases = ", ".join(f"{name} {phase}" for name, phase in status["vehicles"].items())
-        held = " held" if status["held"] else ""
-        latched = f" [{status['latched']}]" if status["latched"] else ""
-        lost = " (its orchestrator is lost)" if status["orchestrator"] == "lost" else ""
-        return f"guard of {place.name}:{held}{latched}{lost} {phases}"
-    verdicts = list(status["finished"].values())
-    counts = ", ".join(f"{verdicts.count(one)} {one}" for one in sorted(set(verdicts)))
-    flying = "; ".join(
-        f"{name}{_where(run)}: {run['stage']}, {run['verdict_so_far']} so far"
-        for name, run in status["flying"].items()
-    )
-    held = " (held)" if status["held"] else " (landing)" if status["stopped"] else ""
-    done = f"{len(verdicts)} of {status['total']} runs"
-    return f"{place.name}{held}: {done}{f' ({counts})' if counts else ''}; {flying or 'none flies'}"
-
-
-def _where(run: dict[str, Any]) -> str:
-    """Return where a run flies, for a message; "" for this machine."""
-    place = run.get("place")
-    return f" on {place}" if place else ""

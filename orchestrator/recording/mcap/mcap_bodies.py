@@ -7,10 +7,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.recording.mcap.mcap_json import Json, numbers, plain, pose_out, text_of
-from orchestrator.recording.mcap.mcap_schemas import FLOAT32, UINT8, numbers_schema
-from orchestrator.recording.mcap.mcap_settings import ImageSettings
-from vehicles.readings import (
+from wil_campaign.orchestrator.recording.mcap.mcap_json import (
+    Json,
+    numbers,
+    plain,
+    pose_out,
+    text_of,
+)
+from wil_campaign.orchestrator.recording.mcap.mcap_schemas import FLOAT32, UINT8, numbers_schema
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import ImageSettings
+from wil_campaign.vehicles.readings import (
     CameraReading,
     DepthReading,
     GpsReading,
@@ -22,8 +28,8 @@ from vehicles.readings import (
     RangefinderReading,
     Reading,
 )
-from vehicles.readings.numbers import number_fields
-from worlds.camera import Intrinsics
+from wil_campaign.vehicles.readings.numbers import number_fields
+from wil_campaign.worlds.camera import Intrinsics
 
 Body = tuple[str, dict[str, Json], bytes | None]
 """Schema, fields, and the bytes of the field `data` if there is one."""

@@ -15,8 +15,13 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Metadata, Schema
 
-from orchestrator.recording.errors import RecordingError
-from vehicles.sources.mcap_limits import DAMAGED, ChunkLimitError, check_length, chunk_records
+from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.vehicles.sources.mcap_limits import (
+    DAMAGED,
+    ChunkLimitError,
+    check_length,
+    chunk_records,
+)
 
 MAGIC = b"\x89MCAP0\r\n"
 

@@ -7,8 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from orchestrator.recording.mcap.mcap_json import Json, bytes_of, number, pose_in, vector
-from vehicles.readings import (
+from wil_campaign.orchestrator.recording.mcap.mcap_json import (
+    Json,
+    bytes_of,
+    number,
+    pose_in,
+    vector,
+)
+from wil_campaign.vehicles.readings import (
     SENSOR_TYPES,
     CameraReading,
     DepthReading,
@@ -22,10 +28,10 @@ from vehicles.readings import (
     Reading,
     Source,
 )
-from vehicles.readings.numbers import number_fields
-from worlds.camera import Intrinsics
-from worlds.files.images import decode_image
-from worlds.frames import Pose
+from wil_campaign.vehicles.readings.numbers import number_fields
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.files.images import decode_image
+from wil_campaign.worlds.frames import Pose
 
 Parts = Mapping[str, NDArray[Any]]
 """Arrays that were recorded with an image: "depth", "ids"."""

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from orchestrator.recording.mcap.mcap_bodies import (
+from wil_campaign.orchestrator.recording.mcap.mcap_bodies import (
     Body,
     body_of,
     calibration_body,
@@ -13,9 +13,9 @@ from orchestrator.recording.mcap.mcap_bodies import (
     depth_body,
     raw_image,
 )
-from orchestrator.recording.mcap.mcap_json import Json, encode, pose_out
-from orchestrator.recording.mcap.mcap_settings import ImageSettings, RecordingSettings
-from vehicles.readings import (
+from wil_campaign.orchestrator.recording.mcap.mcap_json import Json, encode, pose_out
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import ImageSettings, RecordingSettings
+from wil_campaign.vehicles.readings import (
     CameraReading,
     DepthReading,
     GpsReading,
@@ -23,8 +23,8 @@ from vehicles.readings import (
     Reading,
     sensor_type_of,
 )
-from worlds.camera import CameraMount, Intrinsics
-from worlds.frames import Pose
+from wil_campaign.worlds.camera import CameraMount, Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 MAP_FRAME, NED_FRAME = "map", "ned"
 """East-north-up, which Foxglove draws upright, and the north-east-down of all our values."""
@@ -64,6 +64,8 @@ class Message:
 
 TRANSFORMS = Channel("/tf", "foxglove.FrameTransform", "", "", "transform")
 LOG = Channel("/log", "foxglove.Log", "", "", "event")
+PERCEIVED = "perceived"
+"""Name of the log's line with the topic of the images that the judged autonomy perceives."""
 LogLevel = Literal["debug", "info", "warning", "error", "fatal"]
 _LEVELS: Mapping[LogLevel, int] = {"debug": 1, "info": 2, "warning": 3, "error": 4, "fatal": 5}
 """foxglove.Log."""

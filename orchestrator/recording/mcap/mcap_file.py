@@ -5,8 +5,8 @@ from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
 
-from orchestrator.recording.mcap.mcap_encode import Channel, Message
-from orchestrator.recording.mcap.mcap_schemas import SCHEMAS
+from wil_campaign.orchestrator.recording.mcap.mcap_encode import Channel, Message
+from wil_campaign.orchestrator.recording.mcap.mcap_schemas import SCHEMAS
 
 LIBRARY = "wil-campaign"
 

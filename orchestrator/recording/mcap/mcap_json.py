@@ -9,17 +9,21 @@ import binascii
 import dataclasses
 import json
 import math
+import uuid
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from worlds.frames import Pose, Vec3
+from wil_campaign.worlds.frames import Pose, Vec3
 
 Json = Any
 """A value from json.loads."""
 
-_INFINITE, _MINUS_INFINITE = "\x00inf", "\x00-inf"
+_MARK = uuid.uuid4().hex
+_INFINITE, _MINUS_INFINITE = f"\x00{_MARK}", f"\x00-{_MARK}"
+"""What stands for an infinity until the text is made: no text that is recorded has the mark."""
+_WRITTEN = ((f'"\\u0000{_MARK}"'.encode(), b"1e999"), (f'"\\u0000-{_MARK}"'.encode(), b"-1e999"))
 
 
 def encode(document: dict[str, Json], data: bytes | None = None) -> bytes:
@@ -30,7 +34,8 @@ def encode(document: dict[str, Json], data: bytes | None = None) -> bytes:
         finite = _without_infinity(document)
         text = json.dumps(finite, separators=(",", ":"), allow_nan=False).encode()
     if b'"\\u0000' in text:
-        text = text.replace(b'"\\u0000inf"', b"1e999").replace(b'"\\u0000-inf"', b"-1e999")
+        for mark, written in _WRITTEN:
+            text = text.replace(mark, written)
     if data is None:
         return text
     # joined manually: json would scan every character of the long text again

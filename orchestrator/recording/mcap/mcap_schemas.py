@@ -13,8 +13,8 @@ from typing import Any
 
 import msgspec
 
-from vehicles.readings import SENSOR_TYPES
-from vehicles.readings.numbers import is_numbers, number_fields
+from wil_campaign.vehicles.readings import SENSOR_TYPES
+from wil_campaign.vehicles.readings.numbers import is_numbers, number_fields
 
 Schema = dict[str, Any]
 """A JSON schema, as it is written to the file."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from campaigns.schema import ImageFormat, RecordPart
+from wil_campaign.campaigns.schema import ImageFormat, RecordPart
 
 
 @dataclass(frozen=True, slots=True)

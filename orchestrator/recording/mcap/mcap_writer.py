@@ -15,15 +15,21 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Self
 
-from orchestrator.model.clock import Clock
-from orchestrator.recording.mcap.mcap_encode import LOG, Channel, Encoder, LogLevel, Message
-from orchestrator.recording.mcap.mcap_file import ChunkedFile
-from orchestrator.recording.mcap.mcap_json import plain
-from orchestrator.recording.mcap.mcap_schemas import schema_of
-from orchestrator.recording.mcap.mcap_settings import RecordingSettings
-from vehicles.background_file import patience
-from vehicles.readings import Reading
-from worlds.camera import CameraMount
+from wil_campaign.orchestrator.model.clock import Clock
+from wil_campaign.orchestrator.recording.mcap.mcap_encode import (
+    LOG,
+    Channel,
+    Encoder,
+    LogLevel,
+    Message,
+)
+from wil_campaign.orchestrator.recording.mcap.mcap_file import ChunkedFile
+from wil_campaign.orchestrator.recording.mcap.mcap_json import plain
+from wil_campaign.orchestrator.recording.mcap.mcap_schemas import schema_of
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
+from wil_campaign.vehicles.background_file import patience
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.worlds.camera import CameraMount
 
 SCHEMA = "wil/recording/1"
 

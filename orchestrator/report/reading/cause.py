@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from orchestrator.model.results import RunResult
-from orchestrator.report.model import Cause, LogEvent, Moment
-from orchestrator.report.words import NOTHING, limit_text, number_text, time_text
-from safety.model.oracle_results import OracleResult
-from safety.oracles import registry
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.report.model import Cause, LogEvent, Moment
+from wil_campaign.orchestrator.report.words import NOTHING, limit_text, number_text, time_text
+from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.safety.oracles.registry import oracle_kinds
 
 _CONTACT = "contact/"
 _COLLISION = "collision"
@@ -186,7 +186,7 @@ def _nearest_text(passed: NearestPass, goal_s: float | None) -> str:
 
 
 def _oracle_facts(oracle: OracleResult, formula: str, contact: str) -> list[tuple[str, str]]:
-    kind = registry.get(_COLLISION if oracle.name.startswith(_COLLISION) else oracle.name)
+    kind = oracle_kinds().get(_COLLISION if oracle.name.startswith(_COLLISION) else oracle.name)
     rule = NOTHING if kind is None else f"{oracle.vehicle} {kind.summary}"
     worst, limit = number_text(oracle.actual, oracle.unit), limit_text(oracle)
     if worst == NOTHING != limit:
@@ -228,8 +228,11 @@ def _decided_s(
         ]
         # The worst value may come after the violation.
         return min([oracle.at_s, *flagged])
+    reason = result.bare_reason
     decisive = (
-        one.t_s for one in events if one.kind == "decisive" and result.bare_reason in one.text
+        one.t_s
+        for one in events
+        if one.kind == "decisive" and (reason in one.text or reason.startswith(one.text))
     )
     return next(decisive, None)
 
@@ -248,7 +251,7 @@ def moment_of(
     if cause is not None and cause.oracle == "reached" and passed is not None:
         return Moment(passed.t_s, "nearest pass of the target")
     if result is not None and cause is None:
-        tight = _tightest(result)
+        tight = tightest_in_view(result)
         if tight is not None and tight.at_s is not None:
             return Moment(tight.at_s, f"smallest margin: {tight.name}, {tight.detail or 'kept'}")
     for stage in ("done", "land", "goal", "takeoff"):
@@ -257,7 +260,7 @@ def moment_of(
     return None if end_s is None else Moment(end_s, "the end of the recording")
 
 
-def _tightest(result: RunResult) -> OracleResult | None:
+def tightest_in_view(result: RunResult) -> OracleResult | None:
     """Return the required oracle with the smallest margin in metres, which an image can show."""
     near = [
         one

@@ -4,19 +4,18 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from orchestrator.analysis.reading.judged_motion import JudgedMotion
-from orchestrator.report.model import Cause, Closeup, Plot, Point
-from orchestrator.report.reading.curves import curve_of
-from orchestrator.report.reading.distances import TimedFences, fence_at
-from orchestrator.report.reading.held_limits import HeldLimit
-from orchestrator.report.reading.world_facts import recorded_body
-from safety.model import signals
-from safety.model.oracle_results import OracleResult
-from safety.model.samples import PoseSample
-from safety.oracles.stl_signals import distance_name
-from worlds.clearance.clearance import ClearanceProbe
-from worlds.files.documents import Data
-from worlds.scene.scene import Scene
+from wil_campaign.orchestrator.reading.judged_motion import JudgedMotion
+from wil_campaign.orchestrator.report.model import Cause, Closeup, Plot, Point
+from wil_campaign.orchestrator.report.reading.curves import curve_of
+from wil_campaign.orchestrator.report.reading.distances import TimedFences, fence_at
+from wil_campaign.orchestrator.report.reading.held_limits import HeldLimit
+from wil_campaign.orchestrator.report.reading.world_facts import recorded_body
+from wil_campaign.safety.model import signals
+from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.worlds.clearance.clearance import ClearanceProbe
+from wil_campaign.worlds.files.documents import Data
+from wil_campaign.worlds.scene.scene import Scene
 
 _BEFORE_S, _AFTER_S = 1.0, 1.5
 _LONGEST_S = 20.0
@@ -121,7 +120,7 @@ def _values_of(
     names = [
         name
         for name in flight.scene.names
-        if signal in {"clearance_m", distance_name(name), f"distance to {name}"}
+        if signal in {"clearance_m", signals.distance_name(name), f"distance to {name}"}
     ]
     return _distance_to(names, vehicle, flight) if names else None
 

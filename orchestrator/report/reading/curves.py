@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from operator import itemgetter
 from statistics import median
 
-from orchestrator.report.model import Curve, Point
+from wil_campaign.orchestrator.report.model import Curve, Point
 
 _MOST_POINTS = 500
 _GAP_S = 0.2

@@ -6,14 +6,14 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from operator import itemgetter
 
-from orchestrator.report.model import Point
-from orchestrator.report.reading.curves import longest_step_s
-from safety.fence.geofence import Fence
-from safety.oracles.contact import CLEAR_AGAIN_M
-from worlds.clearance.clearance import ClearanceProbe
-from worlds.frames import Pose
-from worlds.scene.parts import BoxShape
-from worlds.scene.scene import Scene
+from wil_campaign.orchestrator.report.model import Point
+from wil_campaign.orchestrator.report.reading.curves import longest_step_s
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.oracles.contact import CLEAR_AGAIN_M
+from wil_campaign.worlds.clearance.clearance import ClearanceProbe
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.parts import BoxShape
+from wil_campaign.worlds.scene.scene import Scene
 
 SHOWN_WITHIN_M = 2.0
 """Larger clearances are capped at this value."""

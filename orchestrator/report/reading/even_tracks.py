@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 
-from orchestrator.report.model import Point, Track
-from orchestrator.report.reading.distances import TimedPose
+from wil_campaign.orchestrator.report.model import Point, Track
+from wil_campaign.orchestrator.report.reading.distances import TimedPose
 
-_STEP_S = 0.05
-_MOST = 500
+_STEP_S = 0.1
+_MOST = 400
 """Poses of a track; a longer flight has a larger step."""
 
 
@@ -23,7 +23,7 @@ class EvenTimes:
 
     @classmethod
     def over(cls, span_s: Point) -> "EvenTimes":
-        """Return the times of a span: twenty per second, fewer for a long span."""
+        """Return the times of a span: ten per second, fewer for a long span."""
         length_s = max(0.0, span_s[1] - span_s[0])
         step_s = max(_STEP_S, length_s / _MOST)
         return cls(span_s[0], step_s, int(length_s / step_s) + 1)

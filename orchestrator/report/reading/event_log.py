@@ -8,9 +8,9 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from orchestrator.analysis.reading.results_folder import UnreadableError, read_data
-from orchestrator.report.model import LogEvent
-from worlds.files.limited_json import loads_limited
+from wil_campaign.orchestrator.reading.results_folder import UnreadableError, read_data
+from wil_campaign.orchestrator.report.model import LogEvent
+from wil_campaign.worlds.files.limited_json import loads_limited
 
 MOST_EVENTS = 400
 """Events shown of a run; a vehicle that repeats a message would hide the rest."""
@@ -20,12 +20,16 @@ _OWN_LIMIT = frozenset({"decisive", "flag", "stage"})
 
 @dataclass(frozen=True, slots=True)
 class EventLog:
-    """The events of a run. stages: first time of each. left_out: events beyond the limits."""
+    """The events of a run. stages: first time of each. left_out: events beyond the limits.
+
+    images_end_s: when drawn images and mixtures ended; None where they did not.
+    """
 
     events: tuple[LogEvent, ...] = ()
     preflight: tuple[LogEvent, ...] = ()
     before_arming: tuple[LogEvent, ...] = ()
     stages: tuple[tuple[str, float], ...] = ()
+    images_end_s: float | None = None
     left_out: int = 0
     problems: tuple[str, ...] = ()
 
@@ -38,6 +42,7 @@ def read_event_log(path: Path) -> EventLog:
         return EventLog(problems=(str(error),))
     kept: dict[str, list[LogEvent]] = {"preflight": [], "before_arming": [], "": []}
     stages: dict[str, float] = {}
+    images_end_s: float | None = None
     counts: Counter[str] = Counter()
     found = damaged = left_out = 0
     for line in BytesIO(data):  # not split(): a long file would be in memory three times
@@ -51,6 +56,7 @@ def read_event_log(path: Path) -> EventLog:
         t_s, kind, fields = parsed
         group = kept[kind if kind in kept else ""]
         counts[kind] += 1
+        images_end_s = t_s if kind == "images_ended" else images_end_s
         has_room = kind in _OWN_LIMIT and counts[kind] <= MOST_EVENTS
         is_kept = has_room or len(group) < MOST_EVENTS
         if is_kept or kind == "stage":
@@ -66,6 +72,7 @@ def read_event_log(path: Path) -> EventLog:
         preflight=tuple(kept["preflight"]),
         before_arming=tuple(kept["before_arming"]),
         stages=tuple(stages.items()),
+        images_end_s=images_end_s,
         left_out=left_out,
         problems=problems if found else (f"{path.name} is empty",),
     )

@@ -14,16 +14,16 @@ import shapely
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from campaigns.schema.sensors import MountPart
-from orchestrator.report.model import Frame, Mark
-from orchestrator.report.reading.distances import TimedPose, pose_at
-from orchestrator.report.reading.outlines import vertices_of
-from orchestrator.report.reading.world_facts import recorded_body
-from worlds.camera import CameraMount
-from worlds.clearance.clearance import ClearanceProbe
-from worlds.files.documents import Data
-from worlds.frames import Pose, matrix_from_quat
-from worlds.scene.scene import Scene, SceneObject
+from wil_campaign.campaigns.schema.sensors import MountPart
+from wil_campaign.orchestrator.report.model import Frame, Mark
+from wil_campaign.orchestrator.report.reading.distances import TimedPose, pose_at
+from wil_campaign.orchestrator.report.reading.outlines import vertices_of
+from wil_campaign.orchestrator.report.reading.world_facts import recorded_body
+from wil_campaign.worlds.camera import CameraMount
+from wil_campaign.worlds.clearance.clearance import ClearanceProbe
+from wil_campaign.worlds.files.documents import Data
+from wil_campaign.worlds.frames import Pose, matrix_from_quat
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
 
 _MOST = 3
 _NEAR_M = 0.02

@@ -7,11 +7,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from orchestrator.report.model import Outline, Point
-from worlds.frames import Pose, Quat, matrix_from_quat
-from worlds.scene.parts import BoxShape, Part, SphereShape
-from worlds.scene.scene import Scene, SceneObject
-from worlds.scene.shapes import Shape
+from wil_campaign.orchestrator.report.model import Outline, Point, side_depth_m
+from wil_campaign.worlds.frames import Pose, Quat, matrix_from_quat
+from wil_campaign.worlds.scene.parts import BoxShape, Part, SphereShape
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.shapes import Shape
 
 _MOST_FACES = 4000
 """A surface with more faces is drawn as its hull."""
@@ -71,7 +71,14 @@ def _outline(
         side_m=_flat_outlines(obj, pose, _BESIDE[side]),
         route_above_m=_as_points(_flat(route, _ABOVE)),
         route_side_m=_as_points(_flat(route, _BESIDE[side])),
+        depth_m=_depth_m(obj, pose, "east" if side else "north"),
     )
+
+
+def _depth_m(obj: SceneObject, pose: Pose, side_axis: str) -> Point:
+    moved = _moved(pose, obj.shape.mesh.vertices_m)
+    depths = [side_depth_m((n, e, d), side_axis) for n, e, d in moved.tolist()]
+    return (min(depths), max(depths)) if depths else (0.0, 0.0)
 
 
 def _flat_outlines(obj: SceneObject, pose: Pose, view: _View) -> tuple[tuple[Point, ...], ...]:

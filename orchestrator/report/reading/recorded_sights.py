@@ -14,8 +14,8 @@ from typing import Any
 
 from mcap.records import Channel, Message, Metadata
 
-from orchestrator.recording.errors import RecordingError
-from orchestrator.recording.mcap.mcap_chunks import RecordStream
+from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
 
 _RECENT = 12
 """Readings of each stream that are kept until the mixture made from them arrives."""

@@ -5,11 +5,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from orchestrator.analysis.model import Commanded, RunEntry
-from orchestrator.analysis.reading.judged_motion import JudgedMotion, read_judged_motion
-from orchestrator.analysis.reading.trajectory_file import Row, read_trajectory
-from orchestrator.model.results import RunResult
-from orchestrator.report.model import (
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.reading.judged_motion import (
+    JudgedMotion,
+    read_judged_motion,
+)
+from wil_campaign.orchestrator.reading.model import Commanded, RunEntry
+from wil_campaign.orchestrator.reading.trajectory_file import Row, read_trajectory
+from wil_campaign.orchestrator.recording.run_video import FILE_NAME as VIDEO
+from wil_campaign.orchestrator.report.model import (
     Cause,
     Closeup,
     DrawnWorld,
@@ -20,7 +24,7 @@ from orchestrator.report.model import (
     Track,
     VehicleAtMoment,
 )
-from orchestrator.report.reading.cause import (
+from wil_campaign.orchestrator.report.reading.cause import (
     SAME_MOMENT_S,
     Contact,
     NearestPass,
@@ -29,30 +33,44 @@ from orchestrator.report.reading.cause import (
     moment_of,
     notes_of,
 )
-from orchestrator.report.reading.closeup import JudgedFlight, closeup_of
-from orchestrator.report.reading.distances import TimedPose, contact_until_s, fence_at
-from orchestrator.report.reading.even_tracks import EvenTimes, even_poses, poses_from, track_of
-from orchestrator.report.reading.event_log import EventLog, read_event_log
-from orchestrator.report.reading.held_limits import held_limits
-from orchestrator.report.reading.object_marks import (
+from wil_campaign.orchestrator.report.reading.closeup import JudgedFlight, closeup_of
+from wil_campaign.orchestrator.report.reading.distances import TimedPose, contact_until_s, fence_at
+from wil_campaign.orchestrator.report.reading.even_tracks import (
+    EvenTimes,
+    even_poses,
+    poses_from,
+    track_of,
+)
+from wil_campaign.orchestrator.report.reading.event_log import EventLog, read_event_log
+from wil_campaign.orchestrator.report.reading.headline import headline_of
+from wil_campaign.orchestrator.report.reading.held_limits import held_limits
+from wil_campaign.orchestrator.report.reading.object_marks import (
     SeenWorld,
     marks_of,
     named_objects,
     touched_part,
 )
-from orchestrator.report.reading.outlines import outlines_of
-from orchestrator.report.reading.recorded_sights import read_facts, read_sights
-from orchestrator.report.reading.sight_decoding import ImageSize, decode_sights, video_sights
-from orchestrator.report.reading.signal_plots import mixture_plots, motion_plots
-from orchestrator.report.reading.world_facts import RecordedWorld, recorded_body, recorded_world
-from orchestrator.report.words import place_text, short_time, time_text, velocity_text
-from safety.fence.geofence import Fence
-from safety.model.oracle_results import OracleResult
-from worlds.frames import Pose, norm, quat_from_euler
+from wil_campaign.orchestrator.report.reading.outlines import outlines_of
+from wil_campaign.orchestrator.report.reading.recorded_sights import read_facts, read_sights
+from wil_campaign.orchestrator.report.reading.sight_decoding import (
+    ImageSize,
+    decode_sights,
+    video_sights,
+)
+from wil_campaign.orchestrator.report.reading.signal_plots import mixture_plots, motion_plots
+from wil_campaign.orchestrator.report.reading.success import success_of
+from wil_campaign.orchestrator.report.reading.world_facts import (
+    RecordedWorld,
+    recorded_body,
+    recorded_world,
+)
+from wil_campaign.orchestrator.report.words import place_text, short_time, time_text, velocity_text
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.worlds.frames import Pose, norm, quat_from_euler
 
 STRIP_S = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
 """Times of the strip's frames, relative to the moment."""
-VIDEO = "mixed.mp4"
 _MP4_MARK = b"ftyp"
 """Follows the length of an MP4 file's first box."""
 
@@ -120,7 +138,7 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
     flight = JudgedFlight(parts.motion, parts.world.judged, parts.fences, parts.world.campaign)
     oracle = None if result is None else deciding_oracle(result)
     closeup = closeup_of(cause, oracle, limits, flight)
-    cause = _with_worst(cause, closeup, parts.goal_s)
+    cause = _with_headline(_with_worst(cause, closeup, parts.goal_s), parts, result, passed)
     stages = parts.stages
     recorded_s = parts.span_s[1] if parts.commands or poses else None
     moment = moment_of(result, cause, stages=stages, passed=passed, end_s=recorded_s)
@@ -128,9 +146,13 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
     wanted = () if at_s is None else tuple(at_s + offset_s for offset_s in STRIP_S)
     sights = read_sights(place / "run.mcap", mode=entry.mode, wanted_s=wanted)
     shown = decode_sights(sights, size, at_s=at_s)
+    has_images = any(isinstance(one.perceived, Frame) for one in shown)
     video, video_problems = _read_video(place / VIDEO)
     if not shown and wanted and video is not None:
         shown = video_sights(video, wanted, size)
+    end_s = parts.log.images_end_s
+    ended = {one.wanted_s for one in shown if _had_ended(one, end_s)}
+    shown = [one for one in shown if one.wanted_s not in ended]
     problems = (*entry.problems, *parts.problems, *sights.problems, *video_problems)
     files = tuple(sorted(path.name for path in place.iterdir() if path.is_file()))
     return RunReport(
@@ -141,6 +163,7 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
         result=result,
         problems=tuple(dict.fromkeys(problems)),
         cause=cause,
+        success=None if result is None else success_of(result, goal_s=parts.goal_s),
         notes=_notes(result, cause, parts.goal_s),
         moment=moment,
         at_moment=() if at_s is None else tuple(_at_moment(parts, at_s)),
@@ -151,7 +174,8 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
         commands=_thinned(parts.commands, parts.span_s),
         world=_drawn_world(parts, poses, at_s),
         closeup=closeup,
-        sight=_marked(_nearest(shown, at_s), parts, oracle),
+        sight=None if at_s in ended else _marked(_nearest(shown, at_s), parts, oracle),
+        images_end_s=end_s if at_s in ended else None,
         strip=tuple(shown),
         plots=(
             *motion_plots(flown, flight, subject, limits),
@@ -163,6 +187,7 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
         events_left_out=parts.log.left_out,
         video=None if video is None else VIDEO,
         video_bytes=0 if video is None else video.stat().st_size,
+        has_images=has_images,
         files=files,
         overrides=parts.world.overrides,
     )
@@ -226,6 +251,27 @@ def _with_worst(cause: Cause | None, closeup: Closeup | None, goal_s: float | No
     place = next((i + 1 for i, (name, _) in enumerate(facts) if name == "crossed"), len(facts))
     facts.insert(place, ("worst", time_text(closeup.worst[0], goal_s)))
     return replace(cause, facts=tuple(facts))
+
+
+def _with_headline(
+    cause: Cause | None, parts: _Parts, result: RunResult | None, passed: NearestPass | None
+) -> Cause | None:
+    """Return a cause with its headline, where the record tells what the vehicle did."""
+    if cause is None or result is None:
+        return cause
+    oracle = deciding_oracle(result)
+    vehicle = result.subject if oracle is None else oracle.vehicle
+    contact = Contact() if cause.at_s is None else _contact(parts, vehicle, cause.at_s)
+    headline = headline_of(
+        result,
+        oracle,
+        _poses(parts).get(vehicle, []),
+        stages=parts.stages,
+        at_s=cause.at_s,
+        speed_m_s=contact.speed_m_s,
+        passed=passed,
+    )
+    return replace(cause, headline=headline)
 
 
 def _marked(sight: Sight | None, parts: _Parts, oracle: OracleResult | None) -> Sight | None:
@@ -390,6 +436,12 @@ def _thinned(commands: Sequence[Row], span_s: Point) -> tuple[Commanded, ...]:
             due[row.vehicle] = row.t_s + step_s
             kept.append(found)
     return tuple(kept)
+
+
+def _had_ended(sight: Sight, end_s: float | None) -> bool:
+    """Return whether the images had ended at a sight's time: the last one does not show it."""
+    is_image = isinstance(sight.perceived, Frame)
+    return end_s is not None and is_image and sight.perceived.delivered_s <= end_s < sight.wanted_s
 
 
 def _nearest(sights: Sequence[Sight], at_s: float | None) -> Sight | None:

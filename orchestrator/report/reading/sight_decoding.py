@@ -8,17 +8,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import av
 import cv2
 import numpy as np
 from mcap.records import Message
 
-from orchestrator.recording.mcap.mcap_decode import camera_of, image_of
-from orchestrator.report.model import CameraView, Frame, Scan, Sight
-from orchestrator.report.reading.recorded_sights import RecordedSight, RecordedSights
-from orchestrator.report.words import number_text
-from vehicles.perception.depth_colors import color_depth
-from vehicles.readings import BgrImage
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import camera_of, image_of
+from wil_campaign.orchestrator.report.model import CameraView, Frame, Scan, Sight
+from wil_campaign.orchestrator.report.reading.recorded_sights import RecordedSight, RecordedSights
+from wil_campaign.orchestrator.report.words import number_text
+from wil_campaign.vehicles.perception.depth_colors import color_depth
+from wil_campaign.vehicles.readings import BgrImage
 
 _MOST_BEAMS = 360
 
@@ -130,7 +129,7 @@ def frame_of(
     width_px: int,
     quality: int,
 ) -> Frame:
-    """Return an image as a JPEG, at most width_px wide. Raises ValueError if it is not an image."""
+    """Return an image as WebP, at most width_px wide. Raises ValueError if it is not an image."""
     if image_bgr.ndim == 2:
         image_bgr = cv2.cvtColor(image_bgr.astype(np.uint8), cv2.COLOR_GRAY2BGR).astype(np.uint8)
     height, width = image_bgr.shape[:2]
@@ -139,7 +138,7 @@ def frame_of(
         image_bgr = cv2.resize(image_bgr, (width, height), interpolation=cv2.INTER_AREA).astype(
             np.uint8
         )
-    whole, coded = cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    whole, coded = cv2.imencode(".webp", image_bgr, [cv2.IMWRITE_WEBP_QUALITY, quality])
     if not whole:
         raise ValueError("no image")
     text = base64.b64encode(coded.tobytes()).decode("ascii")
@@ -185,6 +184,8 @@ def _figures(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def video_sights(path: Path, wanted_s: Sequence[float], size: ImageSize) -> list[Sight]:
     """Return frames of a video, as far as it is readable."""
+    import av  # noqa: PLC0415 - a tenth of a second; most runs have a recording
+
     due = sorted(wanted_s)
     middle_s = due[len(due) // 2]
     found: list[Sight] = []

@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from orchestrator.report.model import Plot, PlotLimit
-from orchestrator.report.reading.closeup import JudgedFlight
-from orchestrator.report.reading.curves import curve_of
-from orchestrator.report.reading.distances import (
+from wil_campaign.orchestrator.report.model import Plot, PlotLimit
+from wil_campaign.orchestrator.report.reading.closeup import JudgedFlight
+from wil_campaign.orchestrator.report.reading.curves import curve_of
+from wil_campaign.orchestrator.report.reading.distances import (
     SHOWN_WITHIN_M,
     TimedPose,
     clearances,
@@ -14,8 +14,8 @@ from orchestrator.report.reading.distances import (
     heights,
     separations,
 )
-from orchestrator.report.reading.held_limits import HeldLimit
-from orchestrator.report.reading.world_facts import recorded_body
+from wil_campaign.orchestrator.report.reading.held_limits import HeldLimit
+from wil_campaign.orchestrator.report.reading.world_facts import recorded_body
 
 Poses = Mapping[str, Sequence[TimedPose]]
 

@@ -7,15 +7,16 @@ from functools import lru_cache
 
 from pydantic import ValidationError
 
-from campaigns.schema.vehicles import BodyPart
-from orchestrator.recording.recording_facts import campaign_in, fences_in, world_in
-from safety.fence.geofence import Fence
-from vehicles.embedded.physics.contact_world import BODY
-from worlds.files.documents import BadInput, Data
-from worlds.frames import Vec3
-from worlds.scene.parts import BoxShape
-from worlds.scene.scene import Scene
-from worlds.world_file.world import Mode, Which, World
+from wil_campaign.campaigns.schema.vehicles import BodyPart
+from wil_campaign.orchestrator.recording.recording_facts import campaign_in, fences_in, world_in
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.oracles.registry import own_keys
+from wil_campaign.vehicles.embedded.physics.contact_world import BODY
+from wil_campaign.worlds.files.documents import BadInput, Data
+from wil_campaign.worlds.frames import Vec3
+from wil_campaign.worlds.scene.parts import BoxShape
+from wil_campaign.worlds.scene.scene import Scene
+from wil_campaign.worlds.world_file.world import Mode, Which, World
 
 _MOST_OVERRIDES = 60
 
@@ -51,10 +52,15 @@ class RecordedWorld:
 
     @property
     def formulas(self) -> dict[str, str]:
-        """Return the STL formulas of the campaign's oracles, by name."""
+        """Return the formulas of the campaign's oracles, by name: values of an own key."""
         given = self.oracles.items()
-        texts = {name: one.get("stl") for name, one in given if isinstance(one, dict)}
-        return {name: text for name, text in texts.items() if isinstance(text, str)}
+        pairs = [
+            (name, one.get(key))
+            for name, one in given
+            if isinstance(one, dict)
+            for key in own_keys()
+        ]
+        return {name: text for name, text in pairs if isinstance(text, str)}
 
     @property
     def oracles(self) -> Mapping[str, Data]:

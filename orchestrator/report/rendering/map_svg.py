@@ -7,13 +7,21 @@ from typing import Literal
 
 from markupsafe import Markup
 
-from orchestrator.analysis.model import Commanded
-from orchestrator.report.model import DrawnWorld, Outline, Point, RunReport, Track
-from orchestrator.report.rendering.markup import element, points_text
-from orchestrator.report.rendering.scales import ticks_within
-from safety.fence.areas import Area, Circle
-from safety.fence.geofence import Fence
-from worlds.frames import Vec3
+from wil_campaign.orchestrator.reading.model import Commanded
+from wil_campaign.orchestrator.report.model import (
+    DrawnWorld,
+    Outline,
+    Point,
+    RunReport,
+    Track,
+    side_depth_m,
+)
+from wil_campaign.orchestrator.report.rendering.map_labels import Box, PlacedName, place_names
+from wil_campaign.orchestrator.report.rendering.markup import element, points_text
+from wil_campaign.orchestrator.report.rendering.scales import ticks_within
+from wil_campaign.safety.fence.areas import Area, Circle
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.worlds.frames import Vec3
 
 View = Literal["above", "side"]
 
@@ -23,7 +31,7 @@ _MARGIN = 24.0
 _PAD_M = 0.4
 _NAME_ROOM = 60.0
 """Free space at the right end of the lower axis, for its name."""
-_REACH = 4.0
+_REACH = 6.0
 """How many times farther than the path the world and the fence may widen a map."""
 _ARROW_S = 0.5
 """A velocity setpoint is drawn as the distance covered in this time."""
@@ -60,11 +68,11 @@ def map_svg(run: RunReport, view: View) -> Markup | None:
     at_s = None if run.moment is None else run.moment.t_s
     children = [
         *_grid(canvas),
-        *(_outline(one, view, canvas) for one in run.world.outlines),
+        *_outlines(run, view, canvas),
         *_fences(run.world, view, side_axis, canvas),
         *(_setpoint(one, run.tracks, view, side_axis, canvas) for one in run.commands),
         *(_track(track, view, side_axis, canvas) for track in run.tracks),
-        *_labels(run.world.outlines, view, canvas),
+        *_labels(run, view, side_axis, canvas),
         *_markers(run.tracks, at_s, view, side_axis, canvas),
         *_axis_names(run, view, canvas),
     ]
@@ -87,8 +95,7 @@ def _canvas(run: RunReport, view: View, side_axis: int) -> _Canvas:
     reach = [_REACH * max(high[axis] - low[axis], 1.0) for axis in (0, 1)]
     more = [*_fence_corners(run.world, view, side_axis)]
     for outline in run.world.outlines:
-        if not outline.is_room:
-            more += [p for polygon in _polygons(outline, view) for p in polygon]
+        more += [p for polygon in _polygons(outline, view) for p in polygon]
     near = [
         p
         for p in more
@@ -135,9 +142,31 @@ def _polygons(outline: Outline, view: View) -> tuple[tuple[Point, ...], ...]:
     return outline.above_m if view == "above" else outline.side_m
 
 
-def _outline(outline: Outline, view: View, canvas: _Canvas) -> Markup:
+def _outlines(run: RunReport, view: View, canvas: _Canvas) -> Iterator[Markup]:
+    """Yield the objects; from the side the farthest first, pale behind the path, open before it."""
+    outlines = run.world.outlines
+    if view == "above":
+        yield from (_outline(one, view, canvas, "") for one in outlines)
+        return
+    near_m, far_m = _path_depth_m(run)
+    for one in sorted(outlines, key=lambda one: -one.depth_m[1]):
+        place = "behind" if one.depth_m[0] > far_m else "before" if one.depth_m[1] < near_m else ""
+        yield _outline(one, view, canvas, place)
+
+
+def _path_depth_m(run: RunReport) -> Point:
+    """Return how far the paths extend away from who looks from the side, least and most."""
+    depths = [
+        side_depth_m(place, run.world.side_axis)
+        for track in run.tracks
+        for place in track.positions_ned_m
+    ]
+    return min(depths), max(depths)
+
+
+def _outline(outline: Outline, view: View, canvas: _Canvas, place: str) -> Markup:
     worlds = "virtual" if outline.is_virtual else "physical"
-    kind = f"thing room {worlds}" if outline.is_room else f"thing {worlds}"
+    kind = f"thing room {worlds}" if outline.is_room else f"thing {worlds} {place}".rstrip()
     fill = None if outline.is_room else "rgb({},{},{})".format(*outline.rgb)
     shapes = [
         element("polygon", {"points": canvas.points(one), "fill": fill})
@@ -151,15 +180,37 @@ def _outline(outline: Outline, view: View, canvas: _Canvas) -> Markup:
     return element("g", {"class": kind}, shapes)
 
 
-def _labels(outlines: Iterable[Outline], view: View, canvas: _Canvas) -> Iterator[Markup]:
-    for outline in outlines:
-        corners = [p for polygon in _polygons(outline, view) for p in polygon]
-        if outline.is_room or not corners:
-            continue
-        low, high = _bounds(corners)
-        x, y = canvas.at(((low[0] + high[0]) / 2.0, high[1]))
-        if -_MARGIN < x < _WIDTH + _MARGIN and 0.0 < y < canvas.height:
-            yield _text(outline.name, (x, max(10.0, y - 5.0)), anchor="middle", kind="name")
+def _labels(run: RunReport, view: View, side_axis: int, canvas: _Canvas) -> Iterator[Markup]:
+    """Yield the names of the objects, clear of each other, of the markers and of the axes."""
+    area = Box(0.0, 0.0, _WIDTH, canvas.height - _MARGIN / 2.0)
+    wanted = []
+    for outline in run.world.outlines:
+        corners = [canvas.at(p) for polygon in _polygons(outline, view) for p in polygon]
+        if not outline.is_room and corners:
+            (left, top), (right, bottom) = _bounds(corners)
+            if left < area.right and right > area.left and top < area.bottom and bottom > 0.0:
+                wanted.append((outline.name, Box(left, top, right, bottom)))
+    for placed in place_names(wanted, list(_taken(run, view, side_axis, canvas)), area):
+        if placed.leader is not None:
+            yield _line("leader", _led_from(placed), placed.leader)
+        yield _text(placed.name, placed.at, anchor=placed.anchor, kind="name")
+
+
+def _led_from(placed: PlacedName) -> Point:
+    x, y = placed.at
+    return (x, y + 2.0) if placed.leader is not None and placed.leader[1] > y else (x, y - 9.0)
+
+
+def _taken(run: RunReport, view: View, side_axis: int, canvas: _Canvas) -> Iterator[Box]:
+    """Yield where no name may stand: axis names, and the markers of starts and of the moment."""
+    yield Box(0.0, 0.0, 60.0, 14.0)
+    yield Box(_WIDTH - _NAME_ROOM, canvas.height - 18.0, _WIDTH, canvas.height)
+    for track in run.tracks:
+        at_moment = None if run.moment is None else track.at(run.moment.t_s)
+        for place in (*track.positions_ned_m[:1], at_moment):
+            if place is not None:
+                x, y = canvas.at(_flat(place, view, side_axis))
+                yield Box(x - 7.0, y - 7.0, x + 7.0, y + 7.0)
 
 
 def _fence_corners(world: DrawnWorld, view: View, side_axis: int) -> Iterator[Point]:

@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 from markupsafe import Markup
 
-from orchestrator.report.model import Frame, Mark, Sight
-from orchestrator.report.rendering.markup import element, points_text
+from wil_campaign.orchestrator.report.model import Frame, Mark, Sight
+from wil_campaign.orchestrator.report.rendering.markup import element, points_text
 
 _PAD_PX = 3.0
 _INSET_PX = 1.5

@@ -3,22 +3,22 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from campaigns.values.acceptance import Requirement, Share
-from orchestrator.analysis.model import CampaignDocuments
-from orchestrator.model.acceptance_texts import (
+from wil_campaign.campaigns.values.acceptance import Requirement, Share
+from wil_campaign.orchestrator.model.acceptance_texts import (
     left_out_text,
     required_text,
     row_verdict,
     shortfall_texts,
     stand_in_text,
 )
-from orchestrator.model.campaign_results import Summary
-from orchestrator.model.caveats import caveats, synthesised_texts
-from orchestrator.model.control_results import expected_text
-from orchestrator.model.exit_codes import standings_of
-from orchestrator.model.results import RunResult, tightest_oracle
-from orchestrator.report.words import MODES, NOTHING, number_text
-from safety.model.oracle_results import EvidenceResult
+from wil_campaign.orchestrator.model.campaign_results import Summary
+from wil_campaign.orchestrator.model.caveats import caveats, synthesised_texts
+from wil_campaign.orchestrator.model.control_results import expected_text
+from wil_campaign.orchestrator.model.exit_codes import standings_of
+from wil_campaign.orchestrator.model.results import RunResult, tightest_oracle
+from wil_campaign.orchestrator.reading.model import CampaignDocuments
+from wil_campaign.orchestrator.report.words import MODES, NOTHING, number_text
+from wil_campaign.safety.model.oracle_results import EvidenceResult
 
 _CONTACT = frozenset({"collision", "collision_always", "clearance"})
 
@@ -34,7 +34,10 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class CaseRow:
-    """A case and mode in the table of the overview; texts as shown."""
+    """A case and mode in the table of the overview; texts as shown.
+
+    badge: the CSS class of the verdict: `met` for a control that ended as required.
+    """
 
     case: str
     mode: str
@@ -44,6 +47,7 @@ class CaseRow:
     clearance_m: str
     skew_ms: str
     registration_px: str
+    badge: str
     is_control: bool = False
 
 
@@ -146,10 +150,12 @@ def _case_row(
 ) -> CaseRow:
     passed = sum(run.verdict == "PASS" for run in runs)
     required, verdict = _standing(campaign, case, mode, runs)
+    badge = verdict
     if is_control:
         control = runs[0].control
         required = f"must be {control.verdict}" if control is not None else ""
         verdict = runs[0].verdict
+        badge = "met" if not any(run.went_wrong for run in runs) else verdict
     clearances = [
         one.actual
         for run in runs
@@ -173,6 +179,7 @@ def _case_row(
         clearance_m=number_text(min(clearances, default=None), digits=2),
         skew_ms=number_text(max((1000.0 * one for one in skews), default=None), digits=0),
         registration_px=number_text(max(errors, default=None), digits=1),
+        badge=badge,
         is_control=is_control,
     )
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from urllib.parse import quote
@@ -9,30 +10,31 @@ from urllib.parse import quote
 import yaml
 from markupsafe import Markup
 
-from orchestrator.analysis.conclusions import conclusions
-from orchestrator.analysis.model import CampaignDocuments
-from orchestrator.analysis.study import Study
-from orchestrator.analysis.study_tables import energy_rows, gap_rows, result_rows, statements
-from orchestrator.model.results import RunResult
-from orchestrator.report.model import Frame, RunReport, Sight
-from orchestrator.report.rendering import overview
-from orchestrator.report.rendering.map_svg import map_svg
-from orchestrator.report.rendering.marks_svg import marks_svg
-from orchestrator.report.rendering.markup import visible
-from orchestrator.report.rendering.page_parts import environment, render_template
-from orchestrator.report.rendering.plot_svg import (
+from wil_campaign.orchestrator.model.flown_firmware import distinct
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.reading.model import CampaignDocuments
+from wil_campaign.orchestrator.report.model import Frame, RunReport, Sight
+from wil_campaign.orchestrator.report.rendering import overview
+from wil_campaign.orchestrator.report.rendering.map_svg import map_svg
+from wil_campaign.orchestrator.report.rendering.marks_svg import marks_svg
+from wil_campaign.orchestrator.report.rendering.markup import visible
+from wil_campaign.orchestrator.report.rendering.page_parts import environment, render_template
+from wil_campaign.orchestrator.report.rendering.plot_svg import (
     closeup_svg,
     plot_svg,
     stage_axis_svg,
     time_axis_svg,
 )
-from orchestrator.report.rendering.scan_svg import scan_svg
-from orchestrator.report.words import MODES, number_text, short_time
+from wil_campaign.orchestrator.report.rendering.scan_svg import scan_svg
+from wil_campaign.orchestrator.report.words import MODES, number_text, short_time
 
 
 @dataclass(frozen=True, slots=True)
 class RunPage:
-    """A run's section of the page, and its row in the overview; texts as shown."""
+    """A run's section of the page, and its row in the overview; texts as shown.
+
+    badge: the CSS class of the verdict: `met` for a control that ended as required.
+    """
 
     anchor: str
     name: str
@@ -40,7 +42,9 @@ class RunPage:
     mode: str
     rep: str
     verdict: str
+    badge: str
     role: str
+    headline: str
     reason: str
     duration_s: str
     margin: str
@@ -67,6 +71,8 @@ def render_run(
             result=result,
             anchor=anchor,
             verdict=verdict,
+            badge=_badge(result),
+            is_met=_is_met(result),
             is_bad=went_wrong(result),
             role=role_of(run),
             mode_text=MODES.get(run.mode, ""),
@@ -85,6 +91,7 @@ def render_run(
             marks=marks_svg(run.sight),
             closeup=None if run.closeup is None else closeup_svg(run.closeup, run.goal_s),
             video=video or _link(run.name, run.video),
+            video_command=shlex.join(("wil-campaign", "report", ".", "--video", run.name)),
             files=[(name, _link(run.name, name)) for name in run.files],
             when=lambda t_s: short_time(t_s, run.goal_s),
         )
@@ -96,7 +103,9 @@ def render_run(
         mode=run.mode,
         rep=run.rep,
         verdict=verdict,
+        badge=_badge(result),
         role=role_of(run),
+        headline="" if run.cause is None else run.cause.headline,
         reason="" if result is None else result.reason,
         duration_s=number_text(None if result is None else result.duration_s, digits=1),
         margin=overview.margin_text(result),
@@ -108,24 +117,22 @@ def render_run(
 
 
 def render_page(
-    campaign: CampaignDocuments, study: Study, pages: Sequence[RunPage], *, made_utc: str
+    campaign: CampaignDocuments, sections: Iterable[str], pages: Sequence[RunPage], *, made_utc: str
 ) -> str:
-    """Return the whole page."""
+    """Return the whole page. sections: of plugins, as HTML."""
     return render_template(
         "page.html.j2",
         script="script.js",
         campaign=campaign,
         manifest=campaign.manifest,
+        firmware=distinct(
+            one for entry in campaign.entries if entry.result for one in entry.result.firmware
+        ),
         verdict=overview.verdict_of(campaign),
         grounds=overview.grounds(campaign),
         cautions=overview.cautions(campaign),
         rows=overview.case_rows(campaign),
-        results=result_rows(study),
-        gap=gap_rows(study),
-        energies=energy_rows(study),
-        statements=statements(study),
-        conclusions=conclusions(study),
-        stand_in=overview.stand_in(campaign),
+        sections=[Markup(html) for html in sections],  # noqa: S704 - escaped, by hooks.Section
         pages=pages,
         limits=overview.limits(campaign),
         deciding=[page for page in pages if page.is_bad and page.decides],
@@ -155,18 +162,25 @@ def role_of(run: RunReport) -> str:
     return "required" if result.required else "reported only"
 
 
+def _is_met(result: RunResult | None) -> bool:
+    """Return whether a run is a control that ended as required."""
+    return result is not None and result.control is not None and result.control.met
+
+
+def _badge(result: RunResult | None) -> str:
+    if result is None:
+        return "NO-RESULT"
+    return "met" if _is_met(result) else result.verdict
+
+
 def decides(result: RunResult | None) -> bool:
     """Return whether a run counts for the campaign's verdict: required, a control, or no result."""
     return result is None or result.required or result.control is not None
 
 
 def went_wrong(result: RunResult | None) -> bool:
-    """Return whether a run failed; a control fails if it did not end as expected."""
-    if result is None:
-        return True
-    if result.control is not None:
-        return not result.control.met
-    return result.verdict != "PASS"
+    """Return whether a run has no result, or went wrong."""
+    return result is None or result.went_wrong
 
 
 def _frames(sight: Sight | None) -> list[Frame]:

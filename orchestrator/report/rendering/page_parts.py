@@ -8,18 +8,21 @@ from importlib.resources import files
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from orchestrator.report.model import Frame
-from orchestrator.report.rendering.markup import shown
-from orchestrator.report.words import limit_text, number_text
+from wil_campaign.orchestrator.report.model import Frame
+from wil_campaign.orchestrator.report.rendering.markup import shown
+from wil_campaign.orchestrator.report.words import limit_text, number_text
 
-_PACKAGE = "orchestrator.report.rendering"
+_PACKAGE = "wil_campaign.orchestrator.report.rendering"
 
 
 @cache
-def environment() -> Environment:
-    """Return the Jinja environment of the pages: escaping, strict on undefined names."""
+def environment(package: str = _PACKAGE) -> Environment:
+    """Return the Jinja environment of the pages of a package: escaping, strict on undefined names.
+
+    package: the one that has the folder `templates`.
+    """
     created = Environment(
-        loader=PackageLoader(_PACKAGE),
+        loader=PackageLoader(package),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -32,14 +35,17 @@ def environment() -> Environment:
     return created
 
 
-def render_template(name: str, *, script: str = "", **values: object) -> str:
+def render_template(
+    name: str, *, script: str = "", package: str = _PACKAGE, **values: object
+) -> str:
     """Return a whole page with style and script inline; everything from a file is escaped.
 
-    script: the name of its file; empty for none. The page loads nothing from the network.
+    script: the name of its file; empty for none. package: the one with the template. The page loads
+    nothing from the network.
     """
     style, code = _resource("style.css"), _resource(script) if script else ""
     return (
-        environment()
+        environment(package)
         .get_template(name)
         .render(
             policy=_policy(style, code),
@@ -69,4 +75,4 @@ def _hash(text: str) -> str:
 
 
 def _data_uri(frame: Frame) -> str:
-    return f"data:image/jpeg;base64,{frame.jpeg}"
+    return f"data:image/webp;base64,{frame.webp}"

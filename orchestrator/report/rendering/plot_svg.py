@@ -6,14 +6,19 @@ from collections.abc import Iterator, Sequence
 
 from markupsafe import Markup
 
-from orchestrator.report.model import Closeup, Curve, Plot, PlotLimit, Point, RunReport
-from orchestrator.report.rendering.markup import element, points_text
-from orchestrator.report.rendering.scales import Scale, ticks_within, value_scale
+from wil_campaign.orchestrator.report.model import Closeup, Curve, Plot, PlotLimit, Point, RunReport
+from wil_campaign.orchestrator.report.rendering.markup import element, points_text
+from wil_campaign.orchestrator.report.rendering.scales import Scale, ticks_within, value_scale
 
 _GRID = 1000.0
 """Units of the stretched drawing on both axes."""
 _SHORT = 0.8
 """Half the length of the line that a single value is drawn as, in the same units."""
+_UNSEEN = 0.5
+"""A bend of a line by less is not drawn: a twentieth of a pixel, in the same units."""
+_LEAST_STEP = 1e-9
+_MOST_STEP = 8.0
+"""Farthest distance along the time axis between two points of a straight line."""
 _NAMED_FIRST = ("goal", "takeoff", "land", "done")
 _ROOM = 0.1
 """Share of the width for the name of a stage."""
@@ -186,7 +191,7 @@ def _curve(curve: Curve, times: Scale, values: Scale, zero_s: float) -> Markup:
         "path",
         {
             "class": f"curve {_subject(curve.subject)}",
-            "d": " ".join(f"M{points_text(_with_length(places))}" for places in stretches),
+            "d": " ".join(f"M{points_text(_with_length(_bent(one)))}" for one in stretches),
             "data-name": curve.subject,
             "data-low": repr(values.low),
             "data-high": repr(values.high),
@@ -200,6 +205,18 @@ def _places(points: Sequence[Point], times: Scale, values: Scale, zero_s: float)
         (_GRID * times.share(t_s - zero_s), _GRID * (1.0 - values.share(value)))
         for t_s, value in points
     ]
+
+
+def _bent(places: Sequence[Point]) -> Sequence[Point]:
+    """Return the places where a line bends, and in between so many that the cursor finds one."""
+    kept = list(places[:1])
+    for before, place, after in zip(places, places[1:], places[2:], strict=False):
+        level = (place[0] - before[0]) / max(after[0] - before[0], _LEAST_STEP)
+        straight = before[1] + level * (after[1] - before[1])
+        is_far = after[0] - kept[-1][0] > _MOST_STEP
+        if is_far or abs(place[1] - straight) > _UNSEEN:
+            kept.append(place)
+    return [*kept, *places[len(places) - 1 :]] if len(places) > 1 else kept
 
 
 def _with_length(places: Sequence[Point]) -> Sequence[Point]:

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 
 from markupsafe import Markup
 
-from orchestrator.report.model import Frame, Scan
-from orchestrator.report.rendering.markup import element, points_text
+from wil_campaign.orchestrator.report.model import Frame, Scan
+from wil_campaign.orchestrator.report.rendering.markup import element, points_text
 
 _HALF = 110.0
 

@@ -4,17 +4,22 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from typing import Any
 
-from orchestrator.run.flight.run_parts import FlightParts
-from orchestrator.run.perception.autonomy_calls import AutonomyFault
-from orchestrator.run.stages.landing import bring_down, confirmed_at_rest, verify_landed
-from orchestrator.run.stages.pair_flight import fly_together
-from orchestrator.run.vehicles.last_statustext import last_statustext
-from orchestrator.state.run_state import FlightError, RunState
-from orchestrator.state.vehicle_context import VehicleContext
-from recipes.working import StepError
-from safety.guard.core.events import GuardEvent, decisive
-from vehicles.errors import VehicleError
-from vehicles.tasks import finish, stop, together
+from wil_campaign.orchestrator.run.flight.run_parts import FlightParts
+from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
+from wil_campaign.orchestrator.run.perception.autonomy_runner import AutonomyRunner
+from wil_campaign.orchestrator.run.stages.landing import (
+    bring_down,
+    confirmed_at_rest,
+    verify_landed,
+)
+from wil_campaign.orchestrator.run.stages.pair_flight import fly_together
+from wil_campaign.orchestrator.run.vehicles.last_statustext import last_statustext
+from wil_campaign.orchestrator.state.run_state import FlightError, RunState
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.recipes.working import StepError
+from wil_campaign.safety.guard.core.events import GuardEvent, decisive
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.tasks import finish, stop, together
 
 _LANDINGS = 3
 """How often a landing is started when an internal exception interrupts it."""
@@ -48,6 +53,8 @@ async def conduct(run: FlightParts) -> None:
     if (twin := run.twin) is not None and run.setup.companion is not None:
         sign = watchdog.watch("twin distance")
         background_jobs += (("twin distance", lambda: twin.run(run.pair.contexts, sign)),)
+    if run.lateness is not None:
+        background_jobs += (("lateness", run.lateness.run),)
     async with together() as tasks:
         background = [
             tasks.create_task(_run_until_end(run_state, name, begin), name=name)
@@ -164,9 +171,20 @@ def _take_guard_event(run: FlightParts, event: GuardEvent) -> None:
     if event.kind == "alone":
         _drop_out(run, event)
     settled = decisive(event)
-    if settled is not None:
+    if event.kind == "silence" and (autonomy := _holding_autonomy(run)) is not None:
+        name, text = autonomy
+        run.run_state.decide("FAIL", text, t_s=event.t_s, source=f"autonomy/{name}")
+    elif settled is not None:
         text = settled.text + last_statustext(run.pair, event)
         run.run_state.decide(settled.kind, text, t_s=settled.t_s, source=settled.source)
+
+
+def _holding_autonomy(run: FlightParts) -> tuple[str, str] | None:
+    """Return the vehicle whose autonomy has kept the loop from running, and how; None for none."""
+    for name, runner in run.goal.runners.items():
+        if isinstance(runner, AutonomyRunner) and (held := runner.held_up()):
+            return name, f"the autonomy of {name} {held}"
+    return None
 
 
 def _drop_out(run: FlightParts, event: GuardEvent) -> None:

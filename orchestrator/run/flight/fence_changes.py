@@ -5,16 +5,17 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import get_args
 
-from campaigns.setup.vehicle_fences import changed_fences
-from orchestrator.run.vehicles.onboard_fences import OnboardFences
-from safety.fence.geofence import Fence
-from safety.guard.core.events import Cause, GuardEvent, is_about_fences
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.guard import Guard
-from vehicles.errors import VehicleError
-from vehicles.tasks import start, stop
-from worlds.files.documents import BadInput, parse
-from worlds.geodesy import LocalFrame
+from wil_campaign.campaigns.setup.vehicle_fences import changed_fences
+from wil_campaign.orchestrator.run.vehicles.onboard_fences import OnboardFences
+from wil_campaign.safety.fence.fence_files import parse_fence_file
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.events import Cause, GuardEvent, is_about_fences
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.guard import Guard
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.tasks import start, stop
+from wil_campaign.worlds.files.documents import BadInput
+from wil_campaign.worlds.geodesy import LocalFrame
 
 _REPLY_TIMEOUT_S = 2.0
 _UPLOAD_TIMEOUT_S = 30.0
@@ -171,7 +172,7 @@ class FenceChanges:
 
     def _read_fences(self, command: OperatorCommand) -> Mapping[str, Fence]:
         """Return the new fences of flying vehicles. Raises BadInput, VehicleError."""
-        document = parse(command.document.encode(), name="geofence")
+        document = parse_fence_file(command.document.encode(), name="geofence")
         fences = changed_fences(document, self._frame, self._fences)
         mine: dict[str, Fence] = {name: one for name, one in fences.items() if name in self._flying}
         if not mine:

@@ -4,16 +4,16 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from orchestrator.model.operator_command import Inbox
-from orchestrator.recording.run_recorder import RunRecorder
-from orchestrator.run.flight.fence_changes import FenceChanges
-from orchestrator.run.flight.progress_reporter import ProgressReporter
-from orchestrator.run.judging.oracle_runner import OracleRunner
-from orchestrator.run.vehicles.onboard_fences import OnboardFences
-from orchestrator.run.vehicles.pair import Pair
-from orchestrator.state.run_setup import RunSetup
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.guard import Guard
+from wil_campaign.orchestrator.model.operator_command import Inbox
+from wil_campaign.orchestrator.recording.run_recorder import RunRecorder
+from wil_campaign.orchestrator.run.flight.fence_changes import FenceChanges
+from wil_campaign.orchestrator.run.flight.progress_reporter import ProgressReporter
+from wil_campaign.orchestrator.run.judging.oracle_runner import OracleRunner
+from wil_campaign.orchestrator.run.vehicles.onboard_fences import OnboardFences
+from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.guard import Guard
 
 _POLL_S = 0.05
 

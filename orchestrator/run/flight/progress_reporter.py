@@ -3,15 +3,21 @@
 import asyncio
 from collections.abc import Callable, Iterable, Mapping
 
-from campaigns.expansion.expansion import RunPlan
-from orchestrator.model.progress import Happening, HappeningKind, Progress, Report, VehicleProgress
-from orchestrator.run.perception.mixing_statistics import MixingStatistics
-from orchestrator.state.run_state import RunState, Stage
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.guard.core.events import GuardEvent
-from safety.guard.core.operator_command import OperatorCommand
-from safety.model.oracle_results import Flag
-from safety.model.verdict import DecisiveEvent
+from wil_campaign.campaigns.expansion.expansion import RunPlan
+from wil_campaign.orchestrator.model.progress import (
+    Happening,
+    HappeningKind,
+    Progress,
+    Report,
+    VehicleProgress,
+)
+from wil_campaign.orchestrator.run.perception.mixing_statistics import MixingStatistics
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.guard.core.events import GuardEvent
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.model.oracle_results import Flag
+from wil_campaign.safety.model.verdict import DecisiveEvent
 
 PROGRESS_S = 0.5
 
@@ -74,7 +80,7 @@ class ProgressReporter:
                     mixing_rate_hz=None if statistics is None else statistics.rate_hz,
                     skew_ms=None if statistics is None else statistics.skew_ms.last,
                     clearance_m=clearance_m(loop.time()),
-                    verdict_so_far=run_state.decisive[0].kind if run_state.decisive else "PASS",
+                    verdict_so_far=run_state.decisive[0].kind if run_state.decisive else None,
                     vehicles=tuple(map(_vehicle_progress, vehicles)),
                 )
             )

@@ -4,12 +4,12 @@ import asyncio
 import time
 from collections.abc import Mapping
 
-from orchestrator.recording.mcap.mcap_settings import recording_settings
-from orchestrator.recording.recording_facts import facts_of
-from orchestrator.recording.run_recorder import RunRecorder
-from orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.run_state import RunState
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import recording_settings
+from wil_campaign.orchestrator.recording.recording_facts import facts_of
+from wil_campaign.orchestrator.recording.run_recorder import RunRecorder
+from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.run_state import RunState
 
 
 def recorder_of(setup: RunSetup, run_state: RunState, kinds: Mapping[str, str]) -> RunRecorder:
@@ -19,14 +19,12 @@ def recorder_of(setup: RunSetup, run_state: RunState, kinds: Mapping[str, str]) 
     """
     loop = asyncio.get_running_loop()
     epoch_s = VIRTUAL_EPOCH_S if setup.clock == "virtual" else time.time() - loop.time()
-    rates = [camera.rate_hz for one in setup.vehicles for camera in one.cameras]
     return RunRecorder(
         folder=setup.order.folder,
         time=loop.time,
         epoch_s=epoch_s,
         # Under the wall clock the guard process logs the frames: its log survives a crash here.
         vehicles=tuple(one.name for one in setup.guarded if setup.clock == "virtual"),
-        video_rate_hz=max(rates, default=None),
         collision_oracles=frozenset(name for name, kind in kinds.items() if kind == "collision"),
         clock=setup.clock,
         settings=recording_settings(setup.campaign.record),

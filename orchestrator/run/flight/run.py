@@ -7,24 +7,31 @@ from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
-from orchestrator.model.clock import run_on
-from orchestrator.model.faults import fault_log
-from orchestrator.model.operator_command import Inbox
-from orchestrator.model.progress import Report
-from orchestrator.model.results import Loss, RunResult
-from orchestrator.run.flight.conduct import EXPECTED, conduct
-from orchestrator.run.flight.run_parts import GroundParts, flight_parts, ground_parts
-from orchestrator.run.judging.run_outcome import broken_result, external_result, result_of
-from orchestrator.run.perception.autonomy_calls import AutonomyFault
-from orchestrator.run.perception.runner_factory import open_runners
-from orchestrator.run.perception.warm_up import warm_up
-from orchestrator.run.vehicles.pair import Pair, open_pair
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.run_state import RunState
-from recipes.working import StepError
-from vehicles.errors import VehicleError
-from vehicles.links.link import LinkError
-from vehicles.tasks import FAULTS, TaskAccount, asked_to_end
+from wil_campaign.orchestrator.model.clock import run_on
+from wil_campaign.orchestrator.model.faults import fault_log
+from wil_campaign.orchestrator.model.operator_command import Inbox
+from wil_campaign.orchestrator.model.progress import Report
+from wil_campaign.orchestrator.model.results import Loss, RunResult, SlowAutonomy
+from wil_campaign.orchestrator.run.flight.conduct import EXPECTED, conduct
+from wil_campaign.orchestrator.run.flight.run_parts import GroundParts, flight_parts, ground_parts
+from wil_campaign.orchestrator.run.judging.run_outcome import (
+    broken_result,
+    external_result,
+    result_of,
+)
+from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
+from wil_campaign.orchestrator.run.perception.autonomy_runner import AutonomyRunner
+from wil_campaign.orchestrator.run.perception.runner_factory import open_runners
+from wil_campaign.orchestrator.run.perception.stray_errors import decide_stray
+from wil_campaign.orchestrator.run.perception.warm_up import warm_up
+from wil_campaign.orchestrator.run.vehicles.firmware_record import flown_firmware
+from wil_campaign.orchestrator.run.vehicles.pair import Pair, open_pair
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.recipes.working import StepError
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.links.link import LinkError
+from wil_campaign.vehicles.tasks import FAULTS, TakeFault, TaskAccount, asked_to_end
 
 Disturb = Callable[[Pair, RunState], None]
 """Called with the pair once it is open; injects faults at its own times: kill, mute, break."""
@@ -63,8 +70,9 @@ class Flown:
         setup, loop = self._setup, asyncio.get_running_loop()
         run_state = RunState(time=loop.time, log_fault=fault_log(setup.order.folder / "log.jsonl"))
         self.run_state = run_state
-        loop.set_exception_handler(partial(_report_unhandled, run_state))
-        account = TaskAccount(fault=run_state.fault, expected=EXPECTED)
+        decide = partial(decide_stray, run_state, setup.subject)
+        loop.set_exception_handler(partial(_report_unhandled, run_state, decide))
+        account = TaskAccount(fault=decide, expected=EXPECTED)
         with account.of(loop), run_state.recording_faults("the run"):
             await self._fly(run_state, report, inbox, disturb)
         self._end_s = loop.time()
@@ -115,6 +123,9 @@ class Flown:
                         Loss(one.topic, one.offered, one.lost) for one in ground.recorder.losses
                     ),
                     actors=tuple(one.result() for one in ground.actors),
+                    slow=_slow_autonomies(ground),
+                    firmware=flown_firmware(ground.contexts, self._setup),
+                    events=ground.events,
                     end_s=end_s,
                     wall_s=wall_s,
                 )
@@ -152,12 +163,22 @@ async def _fly_in_world(ground: GroundParts, inbox: Inbox, disturb: Disturb | No
         ground.oracle_runner.last_state(asyncio.get_running_loop().time())
 
 
+def _slow_autonomies(ground: GroundParts) -> tuple[SlowAutonomy, ...]:
+    """Return the autonomies of a run that were slower than real time."""
+    runners = () if ground.perception is None else ground.perception.runners.values()
+    found = (one.slow for one in runners if isinstance(one, AutonomyRunner))
+    return tuple(one for one in found if one is not None)
+
+
 def _report_unhandled(
-    run_state: RunState, _: asyncio.AbstractEventLoop, context: dict[str, Any]
+    run_state: RunState,
+    decide: TakeFault,
+    _: asyncio.AbstractEventLoop,
+    context: dict[str, Any],
 ) -> None:
     """Record an exception of a callback of the run's event loop, as of physics or recording."""
     error = context.get("exception")
     if isinstance(error, BaseException):
-        run_state.fault(error, "in flight")
+        decide(error, "in flight")
     else:
         run_state.decide("ERROR", f"in flight: {context.get('message', '')}")

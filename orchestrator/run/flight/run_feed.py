@@ -4,31 +4,31 @@ import math
 from collections.abc import Sequence
 from typing import Self
 
-from orchestrator.live_feed.feed_messages import (
+from wil_campaign.orchestrator.live_feed.feed_messages import (
     MarginView,
     MixingView,
     RunView,
     VehicleView,
     flown_poses,
 )
-from orchestrator.live_feed.feed_publisher import FeedPublisher, Note
-from orchestrator.recording.recording_facts import facts_of
-from orchestrator.run.judging.oracle_runner import OracleRunner
-from orchestrator.run.perception.mixing_loop import MixingLoop
-from orchestrator.run.perception.perception import Perception
-from orchestrator.state.mixtures import PreviewImages
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.run_state import RunState, Stage
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.fence.fence_values import plain_fence
-from safety.fence.geofence import Fence
-from safety.guard.core.events import GuardEvent
-from safety.model.oracle_results import Flag
-from safety.model.verdict import DecisiveEvent
-from vehicles.driver.vehicle_state import VehicleEvent
-from vehicles.setpoints import PositionSetpoint, Setpoint
-from worlds.frames import Vec3
-from worlds.scene.track import RunHistory
+from wil_campaign.orchestrator.live_feed.feed_publisher import FeedPublisher, Note
+from wil_campaign.orchestrator.recording.recording_facts import facts_of
+from wil_campaign.orchestrator.run.judging.oracle_runner import OracleRunner
+from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop
+from wil_campaign.orchestrator.run.perception.perception import Perception
+from wil_campaign.orchestrator.state.mixtures import PreviewImages
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.fence.fence_values import plain_fence
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.events import GuardEvent
+from wil_campaign.safety.model.oracle_results import Flag
+from wil_campaign.safety.model.verdict import DecisiveEvent
+from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent
+from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint
+from wil_campaign.worlds.frames import Vec3
+from wil_campaign.worlds.scene.track import RunHistory
 
 
 class RunFeed:
@@ -140,7 +140,7 @@ class RunFeed:
             stage=run_state.stage,
             entered_s={str(stage): t_s for stage, t_s in run_state.entered_s.items()},
             events=dict(self._events),
-            verdict_so_far="PASS" if first is None else first.kind,
+            verdict_so_far="" if first is None else first.kind,
             reason="" if first is None else first.text,
             held=run_state.held,
             vehicles=tuple(_vehicle_view(one, now_s) for one in self._contexts),

@@ -6,42 +6,50 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 
-from orchestrator.external.external_io import ExternalIo
-from orchestrator.model.operator_command import Inbox
-from orchestrator.model.progress import Report
-from orchestrator.recording.run_recorder import RunRecorder
-from orchestrator.run.flight.operator_handler import OperatorHandler, operator_handler_of
-from orchestrator.run.flight.progress_reporter import ProgressReporter
-from orchestrator.run.flight.recorder_factory import recorder_of
-from orchestrator.run.flight.run_feed import RunFeed
-from orchestrator.run.flight.watchdog import Watchdog, stage_patience_s
-from orchestrator.run.judging.oracle_runner import OracleRunner
-from orchestrator.run.judging.run_evidence import pair_gap_s
-from orchestrator.run.judging.run_oracles import build_judge
-from orchestrator.run.perception.perception import Perception
-from orchestrator.run.perception.perception_builder import PerceptionWatchers, build_perception
-from orchestrator.run.perception.runner_factory import AnyRunner
-from orchestrator.run.stages.actor_flight import ActorFlight
-from orchestrator.run.stages.before_arming import BeforeArming
-from orchestrator.run.stages.goal_flight import GoalFlight
-from orchestrator.run.stages.operator_hold import OperatorHold
-from orchestrator.run.stages.synchronisation import Synchronisation
-from orchestrator.run.stages.twin_monitor import TwinMonitor
-from orchestrator.run.vehicles.arming_record import ArmingRecord
-from orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
-from orchestrator.run.vehicles.pair import Pair
-from orchestrator.run.vehicles.preflight_checks import Preflight
-from orchestrator.state.mixtures import PreviewImages
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.run_state import RunState, Stage
-from orchestrator.state.signal_faults import SignalFaults
-from safety.evaluation.judge import COLLISION_ALWAYS, Judge
-from safety.evaluation.judge_log import ActorPose, WorldEvent
-from safety.model.oracle_results import Flag
-from safety.model.samples import PoseSample
-from vehicles.readings import Reading
-from worlds.scene.motion import MOMENTS
-from worlds.scene.track import RunHistory, Track
+from wil_campaign.orchestrator.external.external_io import ExternalIo
+from wil_campaign.orchestrator.model.operator_command import Inbox
+from wil_campaign.orchestrator.model.progress import Report
+from wil_campaign.orchestrator.recording.run_recorder import RunRecorder
+from wil_campaign.orchestrator.run.flight.lateness import MachineLateness, remedy_of
+from wil_campaign.orchestrator.run.flight.operator_handler import (
+    OperatorHandler,
+    operator_handler_of,
+)
+from wil_campaign.orchestrator.run.flight.progress_reporter import ProgressReporter
+from wil_campaign.orchestrator.run.flight.recorder_factory import recorder_of
+from wil_campaign.orchestrator.run.flight.run_feed import RunFeed
+from wil_campaign.orchestrator.run.flight.watchdog import Watchdog, stage_patience_s
+from wil_campaign.orchestrator.run.judging.oracle_runner import OracleRunner
+from wil_campaign.orchestrator.run.judging.run_evidence import pair_gap_s
+from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
+from wil_campaign.orchestrator.run.perception.perception import Perception
+from wil_campaign.orchestrator.run.perception.perception_builder import (
+    PerceptionWatchers,
+    build_perception,
+)
+from wil_campaign.orchestrator.run.perception.runner_factory import AnyRunner
+from wil_campaign.orchestrator.run.stages.actor_flight import ActorFlight
+from wil_campaign.orchestrator.run.stages.before_arming import BeforeArming
+from wil_campaign.orchestrator.run.stages.goal_flight import GoalFlight
+from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
+from wil_campaign.orchestrator.run.stages.synchronisation import Synchronisation
+from wil_campaign.orchestrator.run.stages.twin_monitor import TwinMonitor
+from wil_campaign.orchestrator.run.vehicles.arming_record import ArmingRecord
+from wil_campaign.orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
+from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.preflight_checks import Preflight
+from wil_campaign.orchestrator.state.mixtures import PreviewImages
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.orchestrator.state.signal_faults import SignalFaults
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.evaluation.judge import COLLISION_ALWAYS, Judge
+from wil_campaign.safety.evaluation.judge_log import ActorPose, WorldEvent
+from wil_campaign.safety.model.oracle_results import Flag
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.worlds.scene.motion import MOMENTS
+from wil_campaign.worlds.scene.track import RunHistory, Track
 
 
 @dataclass(slots=True, kw_only=True)
@@ -65,13 +73,14 @@ class FlightParts:
     watchdog: Watchdog
     operator_handler: OperatorHandler
     feed: RunFeed
+    lateness: MachineLateness | None
 
 
 @dataclass(slots=True, kw_only=True)
 class GroundParts:
     """The parts of a run that exist before and after its vehicles.
 
-    perception, actors: once built.
+    perception, actors, contexts: once built; contexts: of the pair and the actors.
     """
 
     setup: RunSetup
@@ -89,6 +98,7 @@ class GroundParts:
     feed: RunFeed
     perception: Perception | None = None
     actors: tuple[ActorFlight, ...] = ()
+    contexts: tuple[VehicleContext, ...] = ()
 
 
 def ground_parts(
@@ -113,7 +123,9 @@ def ground_parts(
             note=lambda text: recorder.note("live feed", fault=text),
         )
     )
-    external_io = ExternalIo(setup=setup, events=events)
+    external_io = ExternalIo(
+        setup=setup, events=events, note=lambda text: recorder.note("motion capture", text=text)
+    )
     oracle_runner = OracleRunner(
         judge=judge,
         run_state=run_state,
@@ -162,6 +174,7 @@ def flight_parts(
     setup, run_state, recorder, sync = ground.setup, ground.run_state, ground.recorder, ground.sync
     subject = next(one for one in pair.contexts if one.name == setup.subject)
     run_state.last_note = lambda: subject.note
+    ground.contexts = (*pair.contexts, *pair.actors)
     ground.external_io.attach(pair.contexts)
     faults = _signal_faults(ground, pair)
     ground.perception = perception = build_perception(
@@ -212,7 +225,16 @@ def flight_parts(
             onboard_fences=before_arming.configuration.fences,
         ),
         feed=ground.feed,
+        lateness=_lateness(setup, run_state),
     )
+
+
+def _lateness(setup: RunSetup, run_state: RunState) -> MachineLateness | None:
+    """Return what measures how late the run's loop is; None where its clock waits for it."""
+    if setup.clock != "wall":
+        return None
+    remedy = remedy_of(virtual=all(one.embedded for one in setup.guarded))
+    return MachineLateness(run_state=run_state, remedy=remedy)
 
 
 def _signal_faults(ground: GroundParts, pair: Pair) -> SignalFaults:
@@ -321,6 +343,7 @@ def _watchers(recorder: RunRecorder, external_io: ExternalIo, feed: RunFeed) -> 
         frame=recorder.mixture,
         perceived=external_io.perceived,
         shown=take_preview,
+        images_ended=recorder.images_ended,
     )
 
 

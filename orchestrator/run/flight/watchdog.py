@@ -3,8 +3,8 @@
 import asyncio
 from collections.abc import Callable, Mapping
 
-from campaigns.setup.case_setup import SyncSetup
-from orchestrator.state.run_state import RunState, Stage
+from wil_campaign.campaigns.setup.case_setup import SyncSetup
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
 
 _LOOK_S, _LAST_LOOK_S = 0.5, 0.1
 _LOOKS_WITHOUT_A_SIGN = 20

@@ -6,20 +6,21 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TypeVar, cast, get_args
 
-from orchestrator.model.results import FenceChange
-from orchestrator.model.twin_results import DropOut
-from orchestrator.run.judging.judged_times import JudgedTimes
-from orchestrator.state.run_state import RunState, Stage
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.evaluation.judge import Judge
-from safety.evaluation.judge_log import LoggedSample, Tick
-from safety.fence.geofence import Fence
-from safety.model.oracle_results import Flag, OracleResult
-from safety.model.samples import (
+from wil_campaign.orchestrator.model.results import FenceChange
+from wil_campaign.orchestrator.model.twin_results import DropOut
+from wil_campaign.orchestrator.run.judging.judged_times import JudgedTimes
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.evaluation.judge import Judge
+from wil_campaign.safety.evaluation.judge_log import LoggedSample, Tick
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.model.oracle_results import Flag, OracleResult
+from wil_campaign.safety.model.samples import (
     DoubtSample,
     DropOutSample,
     FenceSample,
     GroundSpeedSample,
+    HeadingSample,
     LinkSample,
     PoseSample,
     ReferenceSample,
@@ -27,11 +28,12 @@ from safety.model.samples import (
     StageSample,
     StateSample,
 )
-from safety.model.samples import Stage as JudgedStage
-from vehicles.cameras.rendered_cameras import sleep_until
-from vehicles.driver.onboard.gps_receiver import GroundSpeed
-from vehicles.driver.vehicle_state import VehicleEvent, VehicleState
-from vehicles.embedded.physics.states import TruthSample
+from wil_campaign.safety.model.samples import Stage as JudgedStage
+from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
+from wil_campaign.vehicles.driver.onboard.gps_receiver import GroundSpeed
+from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent, VehicleState
+from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.poses.headings import HeadingDifference
 
 TICK_HZ = 10.0
 _JUDGED_STAGES: frozenset[str] = frozenset(get_args(JudgedStage))
@@ -80,6 +82,8 @@ class OracleRunner:
         context.on_reference(self._reference)
         if self._judge.needs_ground_speed(context.name):
             context.driver.on_ground_speed(partial(self._ground_speed, context.name))
+        if self._judge.needs_heading(context.name):
+            context.driver.on_heading(partial(self._heading, context.name))
         context.driver.on_event(lambda event: self._event(context, event))
         context.driver.on_failure(lambda error: self._failure(context, str(error)))
         context.on_contact(lambda truth: self._contact(context, truth))
@@ -147,6 +151,9 @@ class OracleRunner:
         )
         self._feed(sample, self._judge.ground_speed)
 
+    def _heading(self, vehicle: str, found: HeadingDifference) -> None:
+        self._feed(HeadingSample(found.t_s, vehicle, *found[1:]), self._judge.heading)
+
     def _state(self, context: VehicleContext, t_s: float) -> None:
         if context.driver.state.last_received_s is None:
             return
@@ -162,10 +169,17 @@ class OracleRunner:
             self._feed(LinkSample(received_s, context.name), self._judge.received)
 
     def _judge_state(self, context: VehicleContext, t_s: float) -> None:
-        sample = state_sample(context.name, context.driver.state, t_s)
+        sample = state_sample(
+            context.name,
+            context.driver.state,
+            t_s,
+            permits_dead_reckoning=context.permits_dead_reckoning,
+        )
         self._feed(sample, self._judge.state)
 
     def _event(self, context: VehicleContext, event: VehicleEvent) -> None:
+        if event.kind == "second_vehicle" and self._run_state.reached("takeoff"):
+            self.doubt(DoubtSample(event.t_s, context.name, "identity", "mavlink", event.text))
         if event.kind != "text":
             self._judge_state(context, event.t_s)
 
@@ -215,9 +229,15 @@ class OracleRunner:
             )
 
 
-def state_sample(name: str, state: VehicleState, t_s: float) -> StateSample:
-    """Return a vehicle's reported state as a sample for the oracles."""
-    faults = [*state.faults, *(["failsafe"] if state.failsafe else [])]
+def state_sample(
+    name: str, state: VehicleState, t_s: float, *, permits_dead_reckoning: bool = False
+) -> StateSample:
+    """Return a vehicle's reported state as a sample for the oracles.
+
+    permits_dead_reckoning: a position that nothing holds any more is no fault.
+    """
+    estimator_faults = state.faults + (() if permits_dead_reckoning else state.position_losses)
+    faults = [*estimator_faults, *(["failsafe"] if state.failsafe else [])]
     return StateSample(
         t_s=t_s,
         vehicle=name,
@@ -228,5 +248,6 @@ def state_sample(name: str, state: VehicleState, t_s: float) -> StateSample:
         fault="; ".join(faults) or None,
         battery_fraction=None if state.battery is None else state.battery.remaining,
         battery_v=None if state.battery is None else state.battery.voltage_v,
-        estimator_fault="; ".join(state.faults) or None,
+        estimator_fault="; ".join(estimator_faults) or None,
+        dead_reckoning="; ".join(state.position_losses) or None,
     )

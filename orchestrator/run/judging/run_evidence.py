@@ -4,16 +4,26 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import get_args
 
-from campaigns.setup.case_setup import VehicleSetup
-from campaigns.values.external_setups import CAPTURED, ESTIMATED, SIMULATED, PoseAccuracy
-from orchestrator.state.run_setup import RunSetup
-from safety.evidence.agreement import Accuracy
-from safety.evidence.evidence import POSE, VELOCITY
-from safety.evidence.terms import MOST_GAP_S, SignalTerms, position_limit_s, status_limit_s
-from safety.oracles.oracle import MotionName, Oracle
-from safety.oracles.oracle_terms import STAGES, Window
-from vehicles.autopilots.autopilot import TelemetryRates
-from vehicles.driver.vehicle_state import ReportName
+from wil_campaign.campaigns.setup.case_setup import VehicleSetup
+from wil_campaign.campaigns.values.external_setups import (
+    CAPTURED,
+    ESTIMATED,
+    SIMULATED,
+    PoseAccuracy,
+)
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.safety.evidence.agreement import Accuracy
+from wil_campaign.safety.evidence.evidence import POSE, VELOCITY
+from wil_campaign.safety.evidence.terms import (
+    MOST_GAP_S,
+    SignalTerms,
+    position_limit_s,
+    status_limit_s,
+)
+from wil_campaign.safety.oracles.oracle import MotionName, Oracle
+from wil_campaign.safety.oracles.oracle_terms import STAGES, Window
+from wil_campaign.vehicles.autopilots.autopilot import TelemetryRates
+from wil_campaign.vehicles.driver.vehicle_state import ReportName
 
 JUDGED_EVERY_S = 0.018
 """50 poses a second are judged, as JudgedTimes selects them. Between two a vehicle that brakes at
@@ -52,6 +62,8 @@ def _pose_terms(setup: RunSetup, vehicle: VehicleSetup, oracles: Iterable[Oracle
         required=any(_rests_on_pose(one, vehicle.name) for one in oracles),
         over_link=source in _OVER_LINK,
         on_grid=source == "simulator",
+        by_estimate=source == "mavlink",
+        permits_dead_reckoning=vehicle.permits_dead_reckoning,
         accuracy=_accuracy(vehicle.pose_accuracy),
         references=_references(source),
     )

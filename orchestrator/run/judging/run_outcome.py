@@ -1,42 +1,48 @@
 """Builds the result of a run from its decisive events, oracles and statistics."""
 
-from collections import Counter
+import math
+from collections.abc import Mapping
 from dataclasses import replace
 
-from campaigns.setup.named_objects import named_objects
-from orchestrator.external.external_io import ExternalIo
-from orchestrator.external.program_runner import ProgramRunner
-from orchestrator.model.arming_steps import ArmingStep
-from orchestrator.model.control_results import ControlResult, control_result
-from orchestrator.model.external_results import ExternalResult
-from orchestrator.model.results import (
+from wil_campaign.campaigns.setup.named_objects import named_objects
+from wil_campaign.orchestrator.external.external_io import ExternalIo
+from wil_campaign.orchestrator.model.arming_steps import ArmingStep
+from wil_campaign.orchestrator.model.attempts import failed_too
+from wil_campaign.orchestrator.model.control_results import ControlResult, control_result
+from wil_campaign.orchestrator.model.external_results import ExternalResult
+from wil_campaign.orchestrator.model.flown_firmware import FlownFirmware
+from wil_campaign.orchestrator.model.results import (
     ActorResult,
-    Also,
     CombinationResult,
     FenceChange,
     Loss,
     MixingResult,
     RunResult,
     ShownResult,
+    SlowAutonomy,
     SyncResult,
+    also_of,
     percentiles,
     with_note,
 )
-from orchestrator.model.twin_results import TwinResult
-from orchestrator.run.perception.mixing_loop import MixingLoop
-from orchestrator.run.perception.perception import Perception
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.run_state import RunState
-from recipes.visibility.coverage import Coverage
-from safety.evaluation.judge import Judge, unjudged
-from safety.model.oracle_results import Flag
-from safety.model.verdict import Decision, decide
-from safety.preflight import Item
+from wil_campaign.orchestrator.model.twin_results import TwinResult
+from wil_campaign.orchestrator.run.perception.autonomy_runner import AutonomyRunner
+from wil_campaign.orchestrator.run.perception.foreign_runner import ForeignRunner
+from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop
+from wil_campaign.orchestrator.run.perception.perception import Perception
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.recipes.visibility.coverage import Coverage
+from wil_campaign.safety.evaluation.judge import Judge, unjudged
+from wil_campaign.safety.model.oracle_results import Flag
+from wil_campaign.safety.model.verdict import Decision, decide
+from wil_campaign.safety.preflight import Item
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.track import track_of
 
-_MOST_ALSO = 50
-"""How many events a result lists beside the one that made the verdict."""
-_GRAVEST = ("ERROR", "ABORTED")
-"""The verdicts of which none is lost among the events that are not listed."""
+_STILL_M, _STILL_RAD = 0.05, 0.05
+"""What a vehicle that flies as an object may drift by while it stands."""
+_MOMENTS = 200
 
 
 def result_of(
@@ -55,15 +61,23 @@ def result_of(
     twin: TwinResult | None,
     losses: tuple[Loss, ...],
     actors: tuple[ActorResult, ...],
+    slow: tuple[SlowAutonomy, ...],
+    firmware: tuple[FlownFirmware, ...],
+    events: Mapping[str, float],
     end_s: float,
     wall_s: float,
 ) -> RunResult:
-    """Return the outcome of a run, its flight being over at end_s."""
+    """Return the outcome of a run, its flight being over at end_s. events: of its world."""
     plan = setup.order.plan
     oracles = judge.results(end_s)
     completed = run_state.reached("landed") and run_state.reached("done")
     decision = decide(
-        run_state.decisive, oracles, end_s=end_s, completed=completed, timeouts=judge.timeouts
+        run_state.decisive,
+        oracles,
+        end_s=end_s,
+        completed=completed,
+        timeouts=judge.timeouts,
+        worst=judge.worst_texts,
     )
     note = decision.note or run_state.last_note()
     reason = reason_of(decision, note)
@@ -100,7 +114,26 @@ def result_of(
         twin=twin,
         losses=losses,
         actors=actors,
+        slow=slow,
+        unmoved=unmoved(setup.judged_scene, events, run_state.entered_s),
+        no_retry=_no_retry(decision, run_state, judge),
+        firmware=firmware,
     )
+
+
+def _no_retry(decision: Decision, run_state: RunState, judge: Judge) -> str:
+    """Return why the run is not flown again: the subject's first failure beside the verdict.
+
+    What an oracle finds at the end only (never reached, still armed) is a failure where the
+    autonomy was done; in a flight that was ended before, its end is the cause. A vehicle that was
+    lost while it landed is not known to have failed that.
+    """
+    seen = {event.source for event in run_state.decisive}
+    if run_state.reached("done"):
+        seen |= {event.source for event in decision.also}
+        seen -= judge.landings if decision.verdict == "ERROR" else frozenset()
+    failures = (one for one in decision.also if one.kind == "FAIL" and one.source in seen)
+    return next((failed_too(one.text) for one in failures), "")
 
 
 def reason_of(decision: Decision, note: str) -> str:
@@ -150,30 +183,13 @@ def exceptions_of(run_state: RunState) -> tuple[str, ...]:
     return tuple(fault.text for fault in run_state.faults)
 
 
-def also_of(decision: Decision) -> tuple[Also, ...]:
-    """Return the decisive events after the one that made the verdict; equal ones are counted."""
-    counts = Counter((event.kind, event.text) for event in decision.also)
-    first = {(event.kind, event.text): event.t_s for event in reversed(decision.also)}
-    listed = [
-        Also(kind, text if count == 1 else f"{text} ({count} times)", first[kind, text])
-        for (kind, text), count in counts.items()
-    ]
-    if len(listed) <= _MOST_ALSO:
-        return tuple(listed)
-    kept, more = listed[: _MOST_ALSO - 1], listed[_MOST_ALSO - 1 :]
-    verdicts = {one.verdict for one in more}
-    # Whoever asks whether a vehicle may fly again looks for these.
-    gravest = next((one for one in _GRAVEST if one in verdicts), more[0].verdict)
-    text = f"{len(more)} more events; log.jsonl has all of them"
-    return (*kept, Also(gravest, text, more[0].at_s))
-
-
 def external_result(
     external_io: ExternalIo, perception: Perception | None
 ) -> ExternalResult | None:
     """Return the run's results of external I/O; None without any."""
     runners = () if perception is None else perception.runners.values()
-    programs = tuple(runner.result for runner in runners if isinstance(runner, ProgramRunner))
+    reporting = (one for one in runners if isinstance(one, AutonomyRunner | ForeignRunner))
+    programs = tuple(ended for one in reporting if (ended := one.result) is not None)
     result = replace(external_io.result, programs=programs)
     return result if result.anything else None
 
@@ -210,6 +226,42 @@ def _unseen(combinations: tuple[CombinationResult, ...], named: set[str]) -> tup
         in_view.update(name for name, each in one.shown.items() if each.frames_in_view)
         in_view.update(name for name, count in one.not_mixed.items() if count)
     return tuple(sorted((sought & named) - in_view))
+
+
+def unmoved(
+    scene: Scene, events: Mapping[str, float], entered_s: Mapping[Stage, float]
+) -> tuple[str, ...]:
+    """Return the objects that have a motion and stood still from the takeoff until `done`.
+
+    Of a motion that waits for `done`: until the vehicles have landed. entered_s: of the stages.
+    """
+    begin_s, done_s = entered_s.get("takeoff"), entered_s.get("done", entered_s.get("land"))
+    if begin_s is None or done_s is None:
+        return ()
+    landed_s = entered_s.get("landed", done_s)
+    return tuple(
+        one.name
+        for one in scene.objects
+        if one.motion is not None
+        and not _moves(
+            one, begin_s, landed_s if one.motion.start.waits_for == "done" else done_s, events
+        )
+    )
+
+
+def _moves(one: SceneObject, begin_s: float, end_s: float, events: Mapping[str, float]) -> bool:
+    """Return whether an object is elsewhere, or turned, at some time between two."""
+    travel = one.travel(begin_s, end_s, events)
+    if travel.length_m < _STILL_M and travel.turn_rad < _STILL_RAD:
+        return False
+    if track_of(one.name, events) is None:
+        return True
+    # The way of a vehicle that stands grows by the noise of its positions.
+    first = one.pose_at(begin_s, events).position_ned_m
+    times_s = (begin_s + (end_s - begin_s) * share / _MOMENTS for share in range(1, _MOMENTS + 1))
+    return any(
+        math.dist(first, one.pose_at(t_s, events).position_ned_m) >= _STILL_M for t_s in times_s
+    )
 
 
 def _combination_result(mixing: MixingLoop) -> CombinationResult:

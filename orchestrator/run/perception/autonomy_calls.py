@@ -1,21 +1,24 @@
 """Calls of the autonomy under test: each returns a checked command or raises AutonomyFault."""
 
+import inspect
 import math
 import signal
 import sysconfig
 import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Literal, TypeVar
 
-from campaigns.values.autonomy_limits import LONGEST_CALL_S
-from vehicles.autonomy import Command
-from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
-from worlds.files.problems import printable
-from worlds.frames import Vec3
+import numpy as np
+
+from wil_campaign.campaigns.values.autonomy_limits import LONGEST_CALL_S
+from wil_campaign.vehicles.autonomy import Command
+from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
+from wil_campaign.worlds.files.problems import printable
+from wil_campaign.worlds.frames import Vec3
 
 T = TypeVar("T")
 
@@ -26,13 +29,9 @@ _LONGEST_NOTE = 80
 _LONGEST_LINE = 100
 _LONGEST_TRACE = 8000
 _STANDARD_LIBRARY = Path(sysconfig.get_path("stdlib"))
-_ROOT = Path(__file__).parents[3]
-_LIBRARY_PACKAGES = tuple(
-    _ROOT / name
-    for name in ("campaigns", "orchestrator", "recipes", "safety", "vehicles", "worlds")
-)
-"""The packages of wil-campaign: a library to the autonomy, also when run from their sources."""
-_SHIPPED = _ROOT / "campaigns" / "autonomies"
+_OURS = Path(__file__).parents[3]
+"""The package wil_campaign: a library to the autonomy, also when run from its sources."""
+_SHIPPED = _OURS / "campaigns" / "autonomies"
 """The autonomies shipped with wil-campaign: under test like a user's."""
 _LARGEST = 1e6
 """Largest setpoint value: metres or metres per second; well within a 32-bit float of MAVLink."""
@@ -41,8 +40,8 @@ _LARGEST = 1e6
 class AutonomyFault(Exception):  # noqa: N818 - it is what is under test that failed
     """The autonomy under test failed in a call; the message says how, and where in its code.
 
-    trace: the traceback of its exception; empty without one. kind: the verdict of the run; ERROR
-    where memory ran out, which proves nothing about the autonomy.
+    trace: the traceback of its exception; empty without one. kind: the verdict of a run that has no
+    goal yet; ERROR where memory ran out, which proves nothing about the autonomy then.
     """
 
     def __init__(
@@ -53,7 +52,7 @@ class AutonomyFault(Exception):  # noqa: N818 - it is what is under test that fa
         self.kind: Literal["FAIL", "ERROR"] = kind
 
 
-class _HangWarning(BaseException):
+class HangWarning(BaseException):
     """Raised in the autonomy's code when a call hangs; `except Exception` does not catch it."""
 
 
@@ -68,7 +67,9 @@ def call_autonomy(
     """
     try:
         return _call_with_alarm(call, within_s)
-    except _HangWarning as error:
+    except AutonomyFault:
+        raise  # of an autonomy that knows how it failed, as one in a process of its own
+    except HangWarning as error:
         name = f"autonomy.limits.{limit}"
         place = f" ({_place_of(error)})" if _frames(error) else ""
         reason = f"gave no answer within {within_s:g} s, its limit ({name}){place}"
@@ -89,12 +90,44 @@ def command_of(answer: object) -> Command:
     note = answer.note
     if not isinstance(note, str):
         raise AutonomyFault(f"returned a note that is {_kind(note)}, not text")
-    try:
-        done = bool(answer.done)
-    except Exception as error:  # noqa: BLE001 - as of an array with several values
-        text = f"returned a done that is {_kind(answer.done)}, not True or False"
-        raise _fault_of(error, text) from None
-    return Command(_setpoint(answer.setpoint), done, printable(note)[:_LONGEST_NOTE])
+    done = answer.done
+    if not isinstance(done, bool | np.bool_):  # a text such as "no" would count as true
+        raise AutonomyFault(f"returned a done that is {_kind(done)}, not True or False")
+    return Command(_setpoint(answer.setpoint), bool(done), printable(note)[:_LONGEST_NOTE])
+
+
+def require_run(answer: object, method: str) -> None:
+    """Raise AutonomyFault where an autonomy's method did not run: it is a coroutine or generator.
+
+    It returned at once, with its body still to be run, and nobody would notice.
+    """
+    if inspect.isawaitable(answer) or inspect.isgenerator(answer) or inspect.isasyncgen(answer):
+        if inspect.iscoroutine(answer):
+            answer.close()  # else Python warns of it later
+        raise AutonomyFault(
+            f"returned {_kind(answer)} from {method}, whose body did not run: write a plain "
+            "function, without async and yield"
+        )
+
+
+def code_folder(autonomy: object) -> Path | None:
+    """Return the folder of the file that an autonomy's class is in; None for one without a file."""
+    code = getattr(getattr(type(autonomy), "act", None), "__code__", None)
+    return None if code is None else Path(code.co_filename).parent
+
+
+def fault_beside_calls(error: BaseException, folders: Collection[Path]) -> AutonomyFault | None:
+    """Return the fault of an error in a thread, task or callback of the autonomy's own.
+
+    folders: of the autonomies' code. None where the first line of the error, that of the standard
+    library aside, is not of a file in one of them.
+    """
+    frames = (one for one in _frames(error) if not _is_standard(one.filename))
+    first = next(frames, None)
+    if first is None or not any(Path(first.filename).is_relative_to(one) for one in folders):
+        return None
+    reason = f"crashed beside its calls: {_error_text(error)} ({_place_of(error)})"
+    return AutonomyFault(reason, _trace(error))
 
 
 def _setpoint(value: object) -> Setpoint:
@@ -131,7 +164,8 @@ def _optional(name: str, value: object) -> float | None:
 
 def _number(name: str, value: object) -> float:
     """Return a number of the autonomy's setpoint. Raises AutonomyFault."""
-    if isinstance(value, str):
+    # float() takes digits in bytes, and False as 0: a yaw_rad of it would turn to the north.
+    if isinstance(value, str | bytes | bytearray | bool | np.bool_):
         raise AutonomyFault(f"returned a setpoint whose {name} contains {_kind(value)}")
     try:
         number = float(value)  # type: ignore[arg-type]  # also NumPy's; others are refused
@@ -152,7 +186,7 @@ def _fault_of(error: Exception, text: str) -> AutonomyFault:
 
 
 def _call_with_alarm(call: Callable[[], T], after_s: float) -> T:
-    """Return a call's result; raise _HangWarning in it when its time is up, and again each second.
+    """Return a call's result; raise HangWarning in it when its time is up, and again each second.
 
     Needs the main thread, where signals arrive; elsewhere there is no limit. A timer that other
     code has set continues afterwards.
@@ -166,7 +200,7 @@ def _call_with_alarm(call: Callable[[], T], after_s: float) -> T:
         answer = call()
         # Of a call whose last act is a long operation in C the alarm comes when that is over: here.
         if time.monotonic() - began_s > after_s:
-            raise _HangWarning
+            raise HangWarning
         return answer
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
@@ -181,7 +215,7 @@ def _warn_of_hang(number: int, frame: FrameType | None) -> None:
     """
     del number
     if frame is None or frame.f_code.co_filename != __file__:
-        raise _HangWarning
+        raise HangWarning
 
 
 def _kind(value: object) -> str:
@@ -200,14 +234,20 @@ def _error_text(error: BaseException) -> str:
 
 
 def _place_of(error: BaseException) -> str:
-    """Return the innermost line of the autonomy's code in a traceback, with its text.
-
-    Where the standard library or an installed package raised, it is the line that called it.
-    """
+    """Return the innermost line of the autonomy's code in an exception's traceback."""
     frames = _frames(error)
-    own = [frame for frame in frames if not _is_library(frame.filename)] or frames
+    return frames_in_words(frames) or frames_in_words(frames, libraries=True) or "location unknown"
+
+
+def frames_in_words(frames: Sequence[traceback.FrameSummary], *, libraries: bool = False) -> str:
+    """Return the innermost line of the autonomy's code among frames, with its text; "" for none.
+
+    Where the standard library or an installed package is at work, it is the line that called it,
+    unless `libraries` count too.
+    """
+    own = [frame for frame in frames if libraries or not _is_library(frame.filename)]
     if not own:
-        return "location unknown"
+        return ""
     last = own[-1]
     line = printable(last.line or "")[:_LONGEST_LINE]
     return f"{last.filename}:{last.lineno}" + (f", `{line}`" if line else "")
@@ -230,7 +270,15 @@ def _frames(error: BaseException) -> list[traceback.FrameSummary]:
 def _is_library(filename: str) -> bool:
     """Return whether a traceback's file is a library, not the autonomy's code."""
     path = Path(filename)
-    if any(path.is_relative_to(package) for package in _LIBRARY_PACKAGES):
+    if path.is_relative_to(_OURS):
         return not path.is_relative_to(_SHIPPED)
     installed = not {"site-packages", "dist-packages"}.isdisjoint(path.parts)
-    return filename.startswith("<") or installed or path.is_relative_to(_STANDARD_LIBRARY)
+    return installed or _is_standard(filename)
+
+
+def _is_standard(filename: str) -> bool:
+    """Return whether a traceback's file is of the standard library, or no file."""
+    path = Path(filename)
+    installed = not {"site-packages", "dist-packages"}.isdisjoint(path.parts)
+    is_beneath = path.is_relative_to(_STANDARD_LIBRARY) and not installed
+    return filename.startswith("<") or is_beneath

@@ -2,19 +2,26 @@
 
 import asyncio
 from collections.abc import Callable
-from typing import TypeVar
 
-from orchestrator.run.perception.autonomy_calls import AutonomyFault, call_autonomy, command_of
-from orchestrator.run.perception.autonomy_memory import MemoryMeter
-from orchestrator.state.run_state import RunState
-from orchestrator.state.vehicle_context import VehicleContext
-from vehicles.autonomy import Autonomy, PerceivesRaw
-from vehicles.cameras.rendered_cameras import sleep_until
-from vehicles.readings import Reading
-from vehicles.readings.copies import copied
-from vehicles.setpoints import Setpoint
+from wil_campaign.orchestrator.model.external_results import ProgramResult
+from wil_campaign.orchestrator.model.results import SlowAutonomy
+from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
+from wil_campaign.orchestrator.run.perception.autonomy_lane import (
+    LONGEST_BEHIND_S,
+    AutonomyLane,
+    LoopLane,
+    ThreadLane,
+)
+from wil_campaign.orchestrator.run.perception.autonomy_memory import MemoryMeter
+from wil_campaign.orchestrator.run.perception.foreign_runner import OpenedAutonomy
+from wil_campaign.orchestrator.run.perception.stray_errors import StrayErrors, decide_fault
+from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.vehicles.autonomy import Autonomy, PerceivesRaw
+from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.vehicles.setpoints import Setpoint
 
-T = TypeVar("T")
 SetpointListener = Callable[[Setpoint, float], None]
 
 
@@ -22,8 +29,10 @@ class AutonomyRunner:
     """Runs one autonomy on one vehicle at `rate_hz`.
 
     A fault of the autonomy is a FAIL of the run and no ERROR: it is what is under test. memory:
-    checked after each call; beyond its limit the run is an ERROR. call_s: limit of one call, wall
-    time.
+    checked after each call; beyond its limit the run is an ERROR before the goal, and a FAIL from
+    then on. call_s: limit of one call, wall time. strays: what its threads raise decides, too.
+    beside: a thread makes the calls, so that they do not hold up the loop: on the wall clock.
+    opened: of a foreign autonomy, for its result.
     """
 
     def __init__(
@@ -35,13 +44,29 @@ class AutonomyRunner:
         rate_hz: float,
         memory: MemoryMeter,
         call_s: float,
+        strays: StrayErrors,
+        beside: bool = False,
+        opened: OpenedAutonomy | None = None,
     ) -> None:
         self.context = context
+        self._opened = opened
         self._autonomy = autonomy
         self._run_state = run_state
         self._rate_hz = rate_hz
         self._memory = memory
-        self._call_s = call_s
+        self._strays = strays
+        self._lane: AutonomyLane = (
+            ThreadLane(
+                name=context.name,
+                rate_hz=rate_hz,
+                call_s=call_s,
+                check=self._check_memory,
+                fault=self._report_fault,
+            )
+            if beside
+            else LoopLane(name=context.name, call_s=call_s, check=self._check_memory)
+        )
+        self._needed_s = self._had_s = 0.0
         self._crashed = False
         self._started: Callable[[str, float], None] | None = None
         self._setpoint_listeners: list[SetpointListener] = []
@@ -57,18 +82,21 @@ class AutonomyRunner:
 
     def perceive(self, reading: Reading) -> None:
         """Give a reading to the autonomy."""
-        self._call_guarded(self._autonomy.perceive, reading)
+        self._call_guarded("perceive", self._autonomy.perceive, reading)
 
     def perceive_raw(self, reading: Reading) -> None:
         """Give a mixture's input reading to an autonomy that perceives raw readings."""
         if isinstance(self._autonomy, PerceivesRaw):
-            self._call_guarded(self._autonomy.perceive_raw, reading)
+            self._call_guarded("perceive_raw", self._autonomy.perceive_raw, reading)
 
-    def _call_guarded(self, perceive: Callable[[Reading], None], reading: Reading) -> None:
+    def _call_guarded(
+        self, method: str, perceive: Callable[[Reading], object], reading: Reading
+    ) -> None:
         if self._crashed:
             return
         try:
-            self._call(lambda: perceive(copied(reading)))
+            self._lane.offer(perceive, reading, method)
+            self._strays.decide()
         except AutonomyFault as fault:
             self._report_fault(fault)
 
@@ -76,20 +104,52 @@ class AutonomyRunner:
         """Run the autonomy until cancelled; set `done` when it reports its goal reached."""
         loop = asyncio.get_running_loop()
         t0_s, tick = loop.time(), 0
-        while not self._crashed:
-            self._act(loop.time())
-            tick = max(tick + 1, int((loop.time() - t0_s) * self._rate_hz))
-            await sleep_until(t0_s + tick / self._rate_hz)
+        before_s = self._spent_s()
+        try:
+            while not self._crashed:
+                await self._act()
+                tick = max(tick + 1, int((loop.time() - t0_s) * self._rate_hz))
+                await sleep_until(t0_s + tick / self._rate_hz)
+        finally:
+            self._needed_s, self._had_s = self._spent_s() - before_s, loop.time() - t0_s
 
-    def _act(self, now_s: float) -> None:
+    @property
+    def slow(self) -> SlowAutonomy | None:
+        """Return how much longer than its goal the autonomy's calls took, where that is too much.
+
+        On a clock that waits for them: on the wall clock such an autonomy fails.
+        """
+        if self._needed_s - self._had_s <= LONGEST_BEHIND_S:
+            return None
+        return SlowAutonomy(self.context.name, self._needed_s, self._had_s)
+
+    @property
+    def result(self) -> ProgramResult | None:
+        """Return how a foreign autonomy ended; None for a class."""
+        return None if self._opened is None else self._opened.result
+
+    def held_up(self) -> str:
+        """Return in words how the autonomy has lately kept the loop from running; "" if not."""
+        return self._lane.held_up()
+
+    def close(self) -> None:
+        """End the autonomy's calls."""
+        self._lane.close()
+
+    def _spent_s(self) -> float:
+        return self._lane.act_times.total_s + self._lane.perceive_times.total_s
+
+    async def _act(self) -> None:
         telemetry = self.context.telemetry()
         if telemetry is None:
             return
         try:
-            command = command_of(self._call(lambda: self._autonomy.act(telemetry)))
+            command = await self._lane.act(lambda: self._autonomy.act(telemetry))
+            self._strays.decide()
         except AutonomyFault as fault:
             self._report_fault(fault)
             return
+        now_s = asyncio.get_running_loop().time()
         self.context.driver.send(command.setpoint)
         self.context.setpoint = command.setpoint
         self.context.note = command.note
@@ -101,15 +161,11 @@ class AutonomyRunner:
         if command.done:
             self.done.set()
 
-    def _call(self, call: Callable[[], T]) -> T:
-        """Return the result of an autonomy call within its limits. Raises AutonomyFault."""
-        answer = call_autonomy(call, within_s=self._call_s)
+    def _check_memory(self) -> None:
+        """Check the run's memory after a call. Raises AutonomyFault."""
         if excess := self._memory.excess():
             raise AutonomyFault(excess, kind="ERROR")
-        return answer
 
     def _report_fault(self, fault: AutonomyFault) -> None:
         self._crashed = True
-        name = self.context.name
-        reason = f"the autonomy of {name} {fault}"
-        self._run_state.decide(fault.kind, reason, source=f"autonomy/{name}", trace=fault.trace)
+        decide_fault(self._run_state, self.context.name, fault)

@@ -4,14 +4,14 @@ import asyncio
 from collections import deque
 from collections.abc import Callable
 
-from orchestrator.run.perception.autonomy_runner import AutonomyRunner
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.model.samples import PoseSample
-from vehicles.cameras.rendered_cameras import sleep_until
-from vehicles.coupling import following_setpoint
-from vehicles.readings import Reading
-from vehicles.setpoints import Setpoint, VelocitySetpoint
-from worlds.frames import scale, subtract
+from wil_campaign.orchestrator.run.perception.autonomy_runner import AutonomyRunner
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
+from wil_campaign.vehicles.coupling import following_setpoint
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.vehicles.setpoints import Setpoint, VelocitySetpoint
+from wil_campaign.worlds.frames import scale, subtract
 
 _RATE_HZ = 50.0
 _OLD_S = 0.5

@@ -8,15 +8,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from recipes.visibility.model import ExpectedImage, ExpectedRanges, Ids, Mask, Virtual
-from recipes.visibility.sampling import sampled_intrinsics, samples_of
-from vehicles.readings import DepthImage
-from vehicles.sensors.beams import Directions
-from vehicles.sensors.lens import ThroughLens
-from vehicles.sensors.world_views import WorldImages, WorldRays
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
-from worlds.scene.scene import Scene
+from wil_campaign.recipes.visibility.model import ExpectedImage, ExpectedRanges, Ids, Mask, Virtual
+from wil_campaign.recipes.visibility.sampling import sampled_intrinsics, samples_of
+from wil_campaign.vehicles.readings import DepthImage
+from wil_campaign.vehicles.sensors.beams import Directions
+from wil_campaign.vehicles.sensors.lens import ThroughLens
+from wil_campaign.vehicles.sensors.world_views import WorldImages, WorldRays
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.scene import Scene
 
 _HIDDEN_M = 0.05
 

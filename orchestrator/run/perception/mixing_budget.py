@@ -4,11 +4,11 @@ import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from orchestrator.run.perception.mixing_loop import MixingLoop
-from orchestrator.state.mixtures import MixedFrame
-from orchestrator.state.run_state import RunState, Stage
-from recipes.pipeline.budgets import RateWatch, breach_of
-from recipes.visibility.coverage import uncovered
+from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop
+from wil_campaign.orchestrator.state.mixtures import MixedFrame
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.recipes.pipeline.budgets import RateWatch, breach_of
+from wil_campaign.recipes.visibility.coverage import uncovered
 
 STALLED_S = 1.0
 """Shortest time without a mixture after which the run is INVALID."""

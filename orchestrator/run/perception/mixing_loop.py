@@ -5,15 +5,15 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from orchestrator.run.perception.mixing_statistics import MixingStatistics
-from orchestrator.run.perception.visibility import VisibilityProbe
-from orchestrator.state.mixtures import MixedFrame
-from recipes.pipeline.mixture import Mixed
-from recipes.pipeline.pipeline import Mixer
-from recipes.pipeline.pose_alignment import align_pose
-from vehicles.cameras.rendered_cameras import NoImageError, sleep_until
-from vehicles.poses.pose_history import PoseHistory
-from vehicles.readings import (
+from wil_campaign.orchestrator.run.perception.mixing_statistics import MixingStatistics
+from wil_campaign.orchestrator.run.perception.visibility import VisibilityProbe
+from wil_campaign.orchestrator.state.mixtures import MixedFrame
+from wil_campaign.recipes.pipeline.mixture import Mixed
+from wil_campaign.recipes.pipeline.pipeline import Mixer
+from wil_campaign.recipes.pipeline.pose_alignment import align_pose
+from wil_campaign.vehicles.cameras.rendered_cameras import NoImageError, sleep_until
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.vehicles.readings import (
     CameraReading,
     DepthReading,
     LidarPointsReading,
@@ -21,7 +21,7 @@ from vehicles.readings import (
     Reading,
     end_s,
 )
-from vehicles.sensors.sensor_streams import OnDemand
+from wil_campaign.vehicles.sensors.sensor_streams import OnDemand
 
 _POSE_POLL_S = 0.002
 _PAIR_WAIT_S = 0.05
@@ -76,7 +76,8 @@ class MixingLoop:
     A real reading that comes when too many wait replaces the oldest, which counts as replaced. One
     for which the twin's source returns no image within the recipe's max_latency_ms counts as
     missed: a camera, too, loses a frame now and then. Both are still offered to the mixer in their
-    turn, as steps that select by time see all real readings. Raises StepError when a step fails.
+    turn, as steps that select by time see all real readings. After `run` has ended readings are
+    ignored: a live camera goes on. Raises StepError when a step fails.
     """
 
     def __init__(
@@ -112,12 +113,14 @@ class MixingLoop:
         self._on_mixture = on_mixture
         self._on_fault = on_fault
         self._waiting: deque[_Waiting] = deque()
-        self._is_mixing = False
+        self._is_mixing = self._is_over = False
         self._twin_readings: deque[Reading] = deque(maxlen=_MOST_KEPT_SMALL)
         self._arrived = asyncio.Event()
 
     def real_reading(self, reading: Reading) -> None:
         """Take the real sensor's reading into the mixing loop."""
+        if self._is_over:
+            return
         is_due = self._is_due(reading)
         if not (is_due or self._is_mixing or self._waiting):
             self.mixer.offer("real", reading)
@@ -162,6 +165,8 @@ class MixingLoop:
 
     def twin_reading(self, reading: Reading) -> None:
         """Take the twin sensor's reading: for recipes without `register`."""
+        if self._is_over:
+            return
         fault = self.mixer.offer("twin", reading)
         if fault is not None:
             self._on_fault(fault)
@@ -173,13 +178,18 @@ class MixingLoop:
 
     async def run(self) -> None:
         """Mix readings until cancelled."""
-        while True:
-            await self._arrived.wait()
-            self._arrived.clear()
-            self._is_mixing = True
-            while self._offer_readings_before_due():
-                await self._mix()
-            self._is_mixing = False
+        try:
+            while True:
+                await self._arrived.wait()
+                self._arrived.clear()
+                self._is_mixing = True
+                while self._offer_readings_before_due():
+                    await self._mix()
+                self._is_mixing = False
+        finally:
+            self._is_over = True
+            self._waiting.clear()
+            self._twin_readings.clear()
 
     def _offer_readings_before_due(self) -> bool:
         """Offer the readings before the next due one; return whether a due one waits."""

@@ -2,7 +2,7 @@
 
 from array import array
 
-from orchestrator.model.results import Percentiles, percentiles
+from wil_campaign.orchestrator.model.results import Percentiles, percentiles
 
 
 class Samples:

@@ -5,27 +5,27 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from campaigns.setup.case_setup import VehicleSetup
-from campaigns.values.sensor_setups import CameraSetup, DepthSetup, SensorSetup
-from orchestrator.external.external_io import ExternalIo
-from orchestrator.run.perception.mixing_budget import MixingBudgetWatch
-from orchestrator.run.perception.mixing_loop import MixingLoop, Registration
-from orchestrator.run.perception.perception import Perception, SensorSource, Take
-from orchestrator.run.perception.registration_error import Registrar
-from orchestrator.run.perception.runner_factory import AnyRunner
-from orchestrator.run.perception.sensor_factory import SensorFactory
-from orchestrator.run.perception.visibility import VisibilityProbe
-from orchestrator.run.perception.visibility_probes import VisibilityProbes
-from orchestrator.run.vehicles.pair import Pair
-from orchestrator.state.mixtures import MixedFrame, PreviewImages
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.run_state import RunState
-from orchestrator.state.signal_faults import SignalFaults
-from orchestrator.state.vehicle_context import VehicleContext
-from recipes.pipeline.autonomy_readings import without_ground_truth
-from recipes.pipeline.pipeline import Mixer, compile_recipe
-from vehicles.readings import CameraReading, Reading
-from vehicles.readings.copies import restamp_reading
+from wil_campaign.campaigns.setup.case_setup import VehicleSetup
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup, SensorSetup
+from wil_campaign.orchestrator.external.external_io import ExternalIo
+from wil_campaign.orchestrator.run.perception.mixing_budget import MixingBudgetWatch
+from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop, Registration
+from wil_campaign.orchestrator.run.perception.perception import Perception, SensorSource, Take
+from wil_campaign.orchestrator.run.perception.registration_error import Registrar
+from wil_campaign.orchestrator.run.perception.runner_factory import AnyRunner
+from wil_campaign.orchestrator.run.perception.sensor_factory import SensorFactory, is_image
+from wil_campaign.orchestrator.run.perception.visibility import VisibilityProbe
+from wil_campaign.orchestrator.run.perception.visibility_probes import VisibilityProbes
+from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.state.mixtures import MixedFrame, PreviewImages
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.orchestrator.state.signal_faults import SignalFaults
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.recipes.pipeline.autonomy_readings import without_ground_truth
+from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
+from wil_campaign.vehicles.readings import CameraReading, Reading
+from wil_campaign.vehicles.readings.copies import restamp_reading
 
 _POSE_WAIT_S = 0.05
 """How long an image waits for the pose of its exposure, beyond the latency of the camera."""
@@ -41,13 +41,14 @@ class PerceptionWatchers:
 
     reading: called with each reading of a source, of real or twin. frame: with each mixture.
     perceived: with each reading that autonomies perceive, and the names of their vehicles. shown:
-    with the images for people.
+    with the images for people. images_ended: with the topics whose images have ended.
     """
 
     reading: Callable[[Reading], None]
     frame: Callable[[MixedFrame], None]
     perceived: Callable[[Reading, tuple[str, ...]], None]
     shown: Callable[[PreviewImages], None]
+    images_ended: Callable[[tuple[str, ...]], None]
 
 
 def build_perception(
@@ -70,7 +71,7 @@ def build_perception(
         return any(t_s is None or now_s - t_s > _LINK_SILENT_S for t_s in received_s)
 
     budgets = MixingBudgetWatch(run_state=run_state, is_any_silent=is_any_silent)
-    perception = Perception(runners, run_state, budgets)
+    perception = Perception(runners, run_state, budgets, images_ended=watchers.images_ended)
     contexts = {context.name: context for context in pair.contexts}
     if setup.placed is not None:
         contexts[setup.placed.name] = contexts[setup.subject]
@@ -175,6 +176,9 @@ class _PerceptionBuilder:
             on_fault=lambda reason: perception.budgets.note_breach(name, reason),
         )
         perception.budgets.watch(mixing, max(period_s, 1.0 / rate_hz if rate_hz else 0.0))
+        if is_image(real) or is_image(twin):
+            on_demand = () if request is None else (f"/twin/{twin.name}",)
+            perception.of_images[name] = (f"/mixed/{name}", *on_demand)
         self._source("real", real).takers.append(mixing.real_reading)
         if request is None:
             self._source("twin", twin).takers.append(mixing.twin_reading)
@@ -219,6 +223,7 @@ class _PerceptionBuilder:
             self._watchers.shown(
                 PreviewImages(
                     frame.mixed.reading,
+                    f"/mixed/{frame.name}",
                     _camera(frame.real),
                     _camera(frame.twin),
                     alone=frame.mixed.provenance.dropped or "",
@@ -240,7 +245,14 @@ class _PerceptionBuilder:
         if key not in self._sources:
             stream = self._sensor_factory.stream(self._setup.vehicle(vehicle), sensor)
             fault = self._faults.signal(vehicle, sensor.name, restamp_reading)
-            source = SensorSource(vehicle, sensor.name, stream, [self._watchers.reading], fault)
+            source = SensorSource(
+                vehicle,
+                sensor.name,
+                stream,
+                [self._watchers.reading],
+                fault,
+                is_drawn=self._sensor_factory.draws(self._setup.vehicle(vehicle), sensor),
+            )
             self._sources[key] = source
         return self._sources[key]
 
@@ -257,7 +269,9 @@ def _perception_users(runner: AnyRunner, watchers: PerceptionWatchers, *, is_fil
         reading = without_ground_truth(reading)
         watchers.perceived(reading, receivers)
         if is_filmed and isinstance(reading, CameraReading):
-            watchers.shown(PreviewImages(reading, reading if reading.source == "real" else None))
+            topic = f"/{reading.source}/{reading.sensor}"
+            real = reading if reading.source == "real" else None
+            watchers.shown(PreviewImages(reading, topic, real))
         runner.perceive(reading)
 
     return take

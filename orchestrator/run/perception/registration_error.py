@@ -4,19 +4,19 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping
 
-from campaigns.setup.case_setup import VehicleSetup
-from campaigns.values.external_setups import PoseAccuracy, ShownAs
-from campaigns.values.sensor_setups import CameraSetup, DepthSetup
-from orchestrator.run.perception.mixing_loop import Registration, RegistrationError
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.vehicle_context import VehicleContext
-from vehicles.autopilots.autopilot import Autopilot
-from vehicles.autopilots.registry import autopilot_named
-from vehicles.mavlink.names import message_name
-from vehicles.readings import CameraReading, DepthReading, Reading
-from worlds.camera import Intrinsics
-from worlds.frames import Pose, Vec3, norm
-from worlds.scene.scene import SceneObject
+from wil_campaign.campaigns.setup.case_setup import VehicleSetup
+from wil_campaign.campaigns.values.external_setups import PoseAccuracy, ShownAs
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
+from wil_campaign.orchestrator.run.perception.mixing_loop import Registration, RegistrationError
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.mavlink.names import message_name
+from wil_campaign.vehicles.readings import CameraReading, DepthReading, Reading
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose, Vec3, norm
+from wil_campaign.worlds.scene.scene import SceneObject
 
 Pictured = CameraSetup | DepthSetup
 _REPORTED_S = 3.0

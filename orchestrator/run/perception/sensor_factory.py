@@ -9,8 +9,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from campaigns.setup.case_setup import VehicleSetup
-from campaigns.values.sensor_setups import (
+from wil_campaign.campaigns.setup.case_setup import VehicleSetup
+from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
     GpsSetup,
@@ -22,28 +22,28 @@ from campaigns.values.sensor_setups import (
     RangingSetup,
     SensorSetup,
 )
-from orchestrator.external.external_io import ExternalIo
-from orchestrator.run.vehicles.vehicle_backends import Feed, vehicle_seed
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.signal_faults import FaultyOnDemand, SignalFaults
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.model.samples import PoseSample
-from vehicles.cameras.camera_effects import CameraQuality
-from vehicles.cameras.rendered_cameras import (
+from wil_campaign.orchestrator.external.external_io import ExternalIo
+from wil_campaign.orchestrator.run.vehicles.vehicle_backends import Feed, vehicle_seed
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.signal_faults import FaultyOnDemand, SignalFaults
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.cameras.camera_effects import CameraQuality
+from wil_campaign.vehicles.cameras.rendered_cameras import (
     Compute,
     ImageSource,
     OnDemandCamera,
     RenderedCamera,
     inline,
 )
-from vehicles.embedded.physics.states import TruthSample
-from vehicles.readings.copies import restamp_reading
-from vehicles.sensors.beams import RangeNoise
-from vehicles.sensors.depth import DEPTH_NOISES, DepthSensor
-from vehicles.sensors.gps import GPS_NOISES, GPS_TIMING, GpsSensor
-from vehicles.sensors.imu import IMU_NOISES, ImuSensor
-from vehicles.sensors.lens import ThroughLens
-from vehicles.sensors.lidar import (
+from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.readings.copies import restamp_reading
+from wil_campaign.vehicles.sensors.beams import RangeNoise
+from wil_campaign.vehicles.sensors.depth import DEPTH_NOISES, DepthSensor
+from wil_campaign.vehicles.sensors.gps import GPS_NOISES, GPS_TIMING, GpsSensor
+from wil_campaign.vehicles.sensors.imu import IMU_NOISES, ImuSensor
+from wil_campaign.vehicles.sensors.lens import ThroughLens
+from wil_campaign.vehicles.sensors.lidar import (
     POINTS_NOISES,
     POINTS_TIMING,
     RANGEFINDER_NOISES,
@@ -54,9 +54,9 @@ from vehicles.sensors.lidar import (
     LidarScanSensor,
     RangefinderSensor,
 )
-from vehicles.sensors.microphone import MICROPHONE_NOISES, MicrophoneSensor
-from vehicles.sensors.noise_sets import NoiseSetName
-from vehicles.sensors.sensor_streams import (
+from wil_campaign.vehicles.sensors.microphone import MICROPHONE_NOISES, MicrophoneSensor
+from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
+from wil_campaign.vehicles.sensors.sensor_streams import (
     OnDemand,
     OnDemandSensor,
     PoseStream,
@@ -65,10 +65,10 @@ from vehicles.sensors.sensor_streams import (
     SensorStream,
     Stream,
 )
-from vehicles.sensors.timing import Timing
-from vehicles.sensors.truth_history import TruthHistory
-from vehicles.sensors.world_views import WorldImages, WorldRays
-from worlds.scene.scene import Scene
+from wil_campaign.vehicles.sensors.timing import Timing
+from wil_campaign.vehicles.sensors.truth_history import TruthHistory
+from wil_campaign.vehicles.sensors.world_views import WorldImages, WorldRays
+from wil_campaign.worlds.scene.scene import Scene
 
 T = TypeVar("T")
 
@@ -131,6 +131,13 @@ class SensorFactory:
             compute=self._compute(sensor),
             truth_delay_s=self._pose_delay_s(vehicle),
         )
+
+    def draws(self, vehicle: VehicleSetup, sensor: SensorSetup) -> bool:
+        """Return whether a vehicle's sensor streams images that are drawn for it."""
+        if isinstance(sensor, CameraSetup):
+            return (vehicle.name, sensor.name) not in self._external_io.cameras
+        is_external = self._external_io.readings.get(vehicle.name, sensor.name) is not None
+        return is_image(sensor) and not is_external
 
     def on_demand(self, sensor: SensorSetup, *, like: SensorSetup) -> OnDemand:
         """Return the twin's sensor that senses at a requested pose, mounted like the real one.
@@ -301,8 +308,15 @@ class SensorFactory:
 
     def _compute(self, sensor: SensorSetup) -> Compute:
         """Return where a sensor's readings are computed: slow ones in a thread."""
-        heavy = isinstance(sensor, CameraSetup | DepthSetup | LidarPointsSetup)
-        return in_thread if heavy and self._setup.clock != "virtual" else inline
+        return in_thread if is_image(sensor) and self._setup.clock != "virtual" else inline
+
+
+def is_image(sensor: SensorSetup) -> bool:
+    """Return whether a sensor's readings are images or point clouds, which take long to make.
+
+    None of them goes to an autopilot: those that do are of use until the vehicle has landed.
+    """
+    return isinstance(sensor, CameraSetup | DepthSetup | LidarPointsSetup)
 
 
 def _add_pose_as_truth(track: TruthHistory, sample: PoseSample) -> None:

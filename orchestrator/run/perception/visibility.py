@@ -6,24 +6,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from campaigns.values.sensor_setups import (
+from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
     LidarPointsSetup,
     RangefinderSetup,
 )
-from campaigns.values.sensor_setups import SensorSetup as Setup
-from orchestrator.run.perception.expected_views import ExpectedViews
-from recipes.model.recipe import Combination
-from recipes.pipeline.mixture import Mixed
-from recipes.pipeline.stages import StageView
-from recipes.steps.transform.geometry import CameraModelParameters
-from recipes.visibility.coverage import Coverage
-from recipes.visibility.images import IN_VIEW_SHARE, ImagePair, compare_images
-from recipes.visibility.model import ExpectedRanges, FrameVisibility, Virtual
-from recipes.visibility.ranges import compare_points, compare_ranges
-from recipes.visibility.sampling import samples_of
-from vehicles.readings import (
+from wil_campaign.campaigns.values.sensor_setups import SensorSetup as Setup
+from wil_campaign.orchestrator.run.perception.expected_views import ExpectedViews
+from wil_campaign.recipes.model.recipe import Combination
+from wil_campaign.recipes.pipeline.mixture import Mixed
+from wil_campaign.recipes.pipeline.stages import StageView
+from wil_campaign.recipes.steps.transform.geometry import CameraModelParameters
+from wil_campaign.recipes.visibility.coverage import Coverage
+from wil_campaign.recipes.visibility.images import IN_VIEW_SHARE, ImagePair, compare_images
+from wil_campaign.recipes.visibility.model import ExpectedRanges, FrameVisibility, Virtual
+from wil_campaign.recipes.visibility.ranges import compare_points, compare_ranges
+from wil_campaign.recipes.visibility.sampling import samples_of
+from wil_campaign.vehicles.readings import (
     CameraReading,
     DepthReading,
     LidarPointsReading,
@@ -31,8 +31,13 @@ from vehicles.readings import (
     RangefinderReading,
     Reading,
 )
-from vehicles.sensors.beams import Directions, cone_directions, grid_directions, plane_directions
-from worlds.frames import IDENTITY, Pose, Quat, quat_multiply
+from wil_campaign.vehicles.sensors.beams import (
+    Directions,
+    cone_directions,
+    grid_directions,
+    plane_directions,
+)
+from wil_campaign.worlds.frames import IDENTITY, Pose, Quat, quat_multiply
 
 PERIOD_S = 0.2
 """Period of measuring; after a wrong mixture the next one is measured too, to confirm it."""

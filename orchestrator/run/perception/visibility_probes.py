@@ -5,31 +5,36 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from campaigns.setup.named_objects import named_objects
-from campaigns.values.sensor_setups import (
+from wil_campaign.campaigns.setup.named_objects import named_objects
+from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
     LidarPointsSetup,
     SensorSetup,
 )
-from orchestrator.external.external_io import ExternalIo
-from orchestrator.run.perception.expected_views import ExpectedViews
-from orchestrator.run.perception.sensor_factory import within_reach
-from orchestrator.run.perception.visibility import BodyPose, Measured, MixtureViews, VisibilityProbe
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.run_state import RunState
-from orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
-from recipes.model.recipe import Combination
-from recipes.pipeline.pipeline import Mixer
-from recipes.visibility.model import SHOWING_KINDS, Virtual
-from vehicles.cameras.rendered_cameras import MAX_POSE_AGE_S
-from vehicles.poses.pose_history import PoseHistory
-from vehicles.readings import PoseReading
-from vehicles.sensors.depth import DEPTH_NOISES
-from vehicles.sensors.lidar import POINTS_NOISES
-from vehicles.sensors.noise_sets import NoiseSetName
-from worlds.frames import Pose
-from worlds.scene.scene import virtual_only
+from wil_campaign.orchestrator.external.external_io import ExternalIo
+from wil_campaign.orchestrator.run.perception.expected_views import ExpectedViews
+from wil_campaign.orchestrator.run.perception.sensor_factory import within_reach
+from wil_campaign.orchestrator.run.perception.visibility import (
+    BodyPose,
+    Measured,
+    MixtureViews,
+    VisibilityProbe,
+)
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
+from wil_campaign.recipes.model.recipe import Combination
+from wil_campaign.recipes.pipeline.pipeline import Mixer
+from wil_campaign.recipes.visibility.model import SHOWING_KINDS, Virtual
+from wil_campaign.vehicles.cameras.rendered_cameras import MAX_POSE_AGE_S
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.vehicles.readings import PoseReading
+from wil_campaign.vehicles.sensors.depth import DEPTH_NOISES
+from wil_campaign.vehicles.sensors.lidar import POINTS_NOISES
+from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.scene import virtual_only
 
 _RANGING_KINDS = frozenset({"lidar", "lidar_points", "rangefinder"})
 

@@ -10,20 +10,21 @@ from functools import cache
 
 import numpy as np
 
-from campaigns.values.sensor_setups import CameraSetup, DepthSetup, LidarPointsSetup
-from orchestrator.state.run_setup import RunSetup
-from recipes.visibility.ranges import nearest_m
-from vehicles.embedded.control.law import load_kernels
-from vehicles.embedded.physics.contact_world import BODY
-from vehicles.embedded.physics.motion_kernel import estimate
-from vehicles.perception.hsv import NAMED_COLORS, HsvMask
-from worlds.camera import Intrinsics
-from worlds.clearance.clearance import ClearanceProbe
-from worlds.frames import Pose
-from worlds.jit import is_cached
-from worlds.render.renderer import Renderer
-from worlds.render.shading import write_ids
-from worlds.scene.scene import Scene
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup, LidarPointsSetup
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.recipes.visibility.ranges import nearest_m
+from wil_campaign.vehicles.embedded.control.law import load_kernels
+from wil_campaign.vehicles.embedded.physics.contact_world import BODY
+from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate
+from wil_campaign.vehicles.perception.hsv import NAMED_COLORS, HsvMask
+from wil_campaign.vehicles.perception.hsv_kernel import mark
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.clearance.clearance import ClearanceProbe
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.jit import is_cached
+from wil_campaign.worlds.render.renderer import Renderer
+from wil_campaign.worlds.render.shading import write_ids
+from wil_campaign.worlds.scene.scene import Scene
 
 _FAR_M = 1000.0
 _SMALL = Intrinsics.from_fov(64, 48, math.radians(60.0))
@@ -37,7 +38,7 @@ def load_kept_kernels() -> None:
     """
     if is_cached(estimate):
         load_kernels()
-    if is_cached(write_ids):
+    if is_cached(write_ids) and is_cached(mark):
         load_rendering()
 
 

@@ -5,20 +5,21 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from campaigns.setup.actor_setups import ActorSetup
-from campaigns.setup.case_setup import SyncSetup
-from orchestrator.model.results import ActorResult
-from orchestrator.run.stages.actor_way import ActorProgress, ActorWay
-from orchestrator.run.stages.operator_hold import OperatorHold
-from orchestrator.state.run_state import FlightError, RunState
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.model.samples import PoseSample
-from vehicles.autopilots.registry import autopilot_named
-from vehicles.cameras.rendered_cameras import sleep_until
-from vehicles.errors import VehicleError
-from vehicles.setpoints import VelocitySetpoint
-from vehicles.tasks import stop, together
-from worlds.frames import Vec3, add, norm, scale, subtract
+from wil_campaign.campaigns.setup.actor_setups import ActorSetup
+from wil_campaign.campaigns.setup.case_setup import SyncSetup
+from wil_campaign.orchestrator.model.results import ActorResult
+from wil_campaign.orchestrator.run.stages.actor_way import ActorProgress, ActorWay
+from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
+from wil_campaign.orchestrator.state.run_state import FlightError, RunState
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
+from wil_campaign.vehicles.tasks import stop, together
+from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.frames import Vec3, add, norm, scale, subtract
 
 _SETPOINT_HZ = 20.0
 _ARM_BEFORE_S = 2.0
@@ -188,9 +189,11 @@ class ActorFlight:
             place_ned_m = last.pose.position_ned_m
             behind_s = self._progress.behind_s(place_ned_m, last.t_s - started_s)
             if behind_s > limits.max_delay_s:
-                return f"is {behind_s:.1f} s behind its motion (max_delay_s)"
+                behind = distinct_text(behind_s, limits.max_delay_s, digits=1)
+                return f"is {behind} s behind its motion (max_delay_s {limits.max_delay_s:g})"
         if self._offset_m > limits.max_offset_m:
-            return f"is {self._offset_m:.2f} m off its path (max_offset_m)"
+            offset = distinct_text(self._offset_m, limits.max_offset_m)
+            return f"is {offset} m off its path (max_offset_m {limits.max_offset_m:g})"
         if last is None or now_s - last.t_s > limits.max_silence_s:
             return f"has sent no pose for {limits.max_silence_s:g} s (max_silence_s)"
         return ""

@@ -3,8 +3,8 @@
 import math
 from itertools import pairwise
 
-from worlds.frames import Pose, Vec3, scale, subtract
-from worlds.scene.motion import Leg, Motion
+from wil_campaign.worlds.frames import Pose, Vec3, scale, subtract
+from wil_campaign.worlds.scene.motion import Leg, Motion
 
 _STEP_S = 0.05
 _MOST_STEPS = 200

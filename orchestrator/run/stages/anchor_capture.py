@@ -2,9 +2,9 @@
 
 import asyncio
 
-from orchestrator.state.vehicle_context import VehicleContext
-from vehicles.errors import AnchorError
-from vehicles.poses.anchor import Anchor, PoseAverage
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.vehicles.errors import AnchorError
+from wil_campaign.vehicles.poses.anchor import Anchor, PoseAverage
 
 _SPAN_S = 1.0
 _SAMPLE_S = 0.05

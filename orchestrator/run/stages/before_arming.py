@@ -1,21 +1,26 @@
 """The steps between ready and armed, in a fixed order and one record: configure, check, anchor."""
 
 import asyncio
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 
-from orchestrator.external.external_io import ExternalIo
-from orchestrator.model.arming_steps import ArmingStep
-from orchestrator.run.stages.anchor_capture import anchor_by_mocap
-from orchestrator.run.stages.distinct_vehicles import require_distinct
-from orchestrator.run.stages.drop_outs import each
-from orchestrator.run.vehicles.arming_record import ArmingRecord
-from orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
-from orchestrator.run.vehicles.preflight_checks import Preflight
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.run_state import FlightError
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.guard.guard import Guard
-from vehicles.links.udp import RIVAL_REMEDY
+from wil_campaign.orchestrator.external.external_io import ExternalIo
+from wil_campaign.orchestrator.model.arming_steps import ArmingStep
+from wil_campaign.orchestrator.run.stages.anchor_capture import anchor_by_mocap
+from wil_campaign.orchestrator.run.stages.distinct_vehicles import require_distinct
+from wil_campaign.orchestrator.run.stages.drop_outs import each
+from wil_campaign.orchestrator.run.vehicles.arming_record import ArmingRecord
+from wil_campaign.orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
+from wil_campaign.orchestrator.run.vehicles.preflight_checks import Preflight
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.run_state import FlightError
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.guard.guard import Guard
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.links.udp import RIVAL_REMEDY
+
+_LISTENED_S = 3.2
+"""Three heartbeats: so long an attached vehicle is listened to, from its identification on, until
+it arms; what else has its ids has been received by then."""
 
 
 class BeforeArming:
@@ -23,9 +28,9 @@ class BeforeArming:
 
     The order: actors identified and ready as the pair is; of each vehicle its parameters, then its
     fence, each read back; ready again, for the estimate of the vehicle that was ready first may
-    have drifted; external inputs and injections checked; anchors by motion capture; the preflight,
-    which checks the result. Before and after all this, no vehicle may have a rival with its system
-    id. contexts: of the pair.
+    have drifted; external inputs checked, and what observers need; anchors by motion capture; the
+    preflight, which checks the result. Before and after all this, no vehicle may have a rival with
+    its system id. contexts: of the pair.
     """
 
     def __init__(
@@ -58,7 +63,7 @@ class BeforeArming:
         """Run all steps; the first error is raised.
 
         Raises VehicleError, FlightError with every reason of the preflight, SourceError,
-        UnsupportedInjectionError, AnchorError.
+        AnchorError.
         """
         timeout_s = self._setup.campaign.sync.ready_timeout_s
         flown = (*self._contexts, *self._actors)
@@ -68,15 +73,22 @@ class BeforeArming:
                 await actor.driver.ready(timeout_s)
         require_distinct(flown)
         self._refuse_rivals()
-        await each(flown, self.configuration.apply)
-        await each(flown, lambda context: context.driver.ready(timeout_s))
+        try:
+            await each(flown, self.configuration.apply)
+            await each(flown, lambda context: context.driver.ready(timeout_s))
+        except VehicleError:
+            # Two vehicles that answer each request refuse a fence, for one; and the second may have
+            # been switched on a moment ago.
+            await self._listen(flown, anew=True)
+            raise
         with self._record.step("external") as record:
             unbooted = self.configuration.unbooted
-            record(await self._external_io.before_arming(self._contexts, unbooted=unbooted))
+            record(await self._external_io.before_arming(unbooted=unbooted))
         captured = [
             one for one in self._contexts if self._setup.vehicle(one.name).anchor == "mocap"
         ]
         await asyncio.gather(*map(self._anchor, captured))
+        await self._listen(flown)
         with self._record.step("preflight") as record:
             record(await self._preflight.check(self._contexts, self._actors))
         self._refuse_rivals()
@@ -88,11 +100,30 @@ class BeforeArming:
         """
         await self.configuration.restore(at_rest=at_rest)
 
+    async def _listen(self, flown: Iterable[VehicleContext], *, anew: bool = False) -> None:
+        """Listen to attached vehicles for long enough to notice another sender behind each link.
+
+        anew: from now on, and not from their identification on. Raises VehicleError for one.
+        """
+        attached = [one for one in flown if self._setup.flown(one.name).attached is not None]
+        for context in attached:
+            context.driver.request_version()
+        until_s = asyncio.get_running_loop().time() + _LISTENED_S if anew else 0.0
+        for context in attached:
+            left_s = until_s - asyncio.get_running_loop().time()
+            await asyncio.sleep(max(0.0, left_s, _LISTENED_S - context.driver.received_for_s))
+        for context in attached:
+            context.driver.require_alone()
+
     def _refuse_rivals(self) -> None:
-        """Refuse two vehicles with one system id at one port. Raises FlightError."""
+        """Refuse two vehicles with one system id at one port, and two senders of poses.
+
+        Raises FlightError, SourceError.
+        """
         rival = next((event for event in self._guard.events if event.kind == "rival"), None)
         if rival is not None:
             raise FlightError(f"{rival.vehicle}: {rival.text}; {RIVAL_REMEDY}")
+        self._external_io.captures.refuse_rivals()
 
     async def _anchor(self, context: VehicleContext) -> None:
         with self._record.step("anchor", context.name) as record:

@@ -3,9 +3,9 @@
 import itertools
 from collections.abc import Iterable
 
-from orchestrator.state.run_state import FlightError
-from orchestrator.state.vehicle_context import VehicleContext
-from vehicles.driver.session.identity import same_vehicle
+from wil_campaign.orchestrator.state.run_state import FlightError
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.vehicles.driver.session.identity import same_vehicle
 
 
 def require_distinct(contexts: Iterable[VehicleContext]) -> None:

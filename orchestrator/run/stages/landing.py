@@ -1,8 +1,8 @@
 """Lands all vehicles and checks that they are disarmed before a run ends."""
 
-from orchestrator.run.vehicles.pair import Pair
-from orchestrator.state.run_state import RunState
-from safety.guard.core.contingency import Phase
+from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.safety.guard.core.contingency import Phase
 
 _ALL_DOWN_S = 60.0
 """How long the guard may take to land all, with its own retries and escalation."""

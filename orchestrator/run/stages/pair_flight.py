@@ -4,19 +4,19 @@ import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import suppress
 
-from campaigns.setup.case_setup import SyncSetup
-from orchestrator.model.liftoff_delays import staggers_s
-from orchestrator.model.results import NOT_ARMED
-from orchestrator.run.stages.distinct_vehicles import require_distinct
-from orchestrator.run.stages.drop_outs import each, each_left
-from orchestrator.run.stages.operator_hold import OperatorHold
-from orchestrator.state.run_state import FlightError, RunState
-from orchestrator.state.vehicle_context import VehicleContext
-from vehicles.autopilots.registry import autopilot_named
-from vehicles.cameras.rendered_cameras import sleep_until
-from vehicles.errors import VehicleError
-from vehicles.setpoints import PositionSetpoint
-from vehicles.tasks import stop, together
+from wil_campaign.campaigns.setup.case_setup import SyncSetup
+from wil_campaign.orchestrator.model.liftoff_delays import staggers_s
+from wil_campaign.orchestrator.model.results import NOT_ARMED
+from wil_campaign.orchestrator.run.stages.distinct_vehicles import require_distinct
+from wil_campaign.orchestrator.run.stages.drop_outs import each, each_left
+from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
+from wil_campaign.orchestrator.state.run_state import FlightError, RunState
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.setpoints import PositionSetpoint
+from wil_campaign.vehicles.tasks import stop, together
 
 _SETTLED_S = 0.5
 """How long a vehicle has to stay at height before it counts as there."""
@@ -85,12 +85,17 @@ async def fly_together(
 
 
 async def _arm(contexts: tuple[VehicleContext, ...]) -> None:
-    """Arm the pair's vehicles, and wait for their motors."""
+    """Arm the pair's vehicles, and wait for their motors. Raises VehicleError.
+
+    A second vehicle with the system id of one may show itself only now.
+    """
     await each(contexts, lambda context: context.driver.arm())
     if len(contexts) > 1:
         # The vehicle armed first is ahead: a takeoff waits until the motors have spooled up.
         flown_by = [autopilot_named(context.driver.identity.autopilot) for context in contexts]
         await asyncio.sleep(max(autopilot.spool_s for autopilot in flown_by))
+    for context in contexts:
+        context.driver.require_alone()
 
 
 async def _take_off(

@@ -3,13 +3,12 @@
 import math
 from dataclasses import replace
 
-from campaigns.expansion.expansion import RunPlan
-from campaigns.schema import RecordPart
-from campaigns.setup.autonomy_under_test import UnderTest
-from campaigns.setup.case_setup import GoalSetup
-from campaigns.values.external_setups import ExternalSetup
-from orchestrator.model.return_path import ReturnPath
-from orchestrator.state.run_setup import RunSetup
+from wil_campaign.campaigns.expansion.expansion import RunPlan
+from wil_campaign.campaigns.schema import RecordPart
+from wil_campaign.campaigns.setup.autonomy_under_test import UnderTest
+from wil_campaign.campaigns.setup.case_setup import GoalSetup
+from wil_campaign.orchestrator.model.return_path import ReturnPath
+from wil_campaign.orchestrator.state.run_setup import RunSetup
 
 _RATE_HZ = 20.0
 
@@ -42,7 +41,7 @@ def return_setup(setup: RunSetup, path: ReturnPath) -> RunSetup:
         oracles=(),
         links={},
         record=RecordPart(),
-        outside=ExternalSetup(),
+        observers={},
     )
     return replace(
         setup,

@@ -2,15 +2,16 @@
 
 from collections.abc import Iterable, Mapping
 
-from campaigns.setup.case_setup import SyncSetup
-from orchestrator.model.results import SyncResult
-from orchestrator.state.liftoff_detector import LiftoffDetector
-from orchestrator.state.run_state import RunState, Stage
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.guard.core.frame_filter import command_of
-from safety.guard.core.mavlink_fields import NAV_TAKEOFF
-from safety.guard.local_guard import Record
-from vehicles.mavlink.framing import frame_header
+from wil_campaign.campaigns.setup.case_setup import SyncSetup
+from wil_campaign.orchestrator.model.results import SyncResult
+from wil_campaign.orchestrator.state.liftoff_detector import LiftoffDetector
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.guard.core.frame_filter import command_of
+from wil_campaign.safety.guard.core.mavlink_fields import NAV_TAKEOFF
+from wil_campaign.safety.guard.local_guard import Record
+from wil_campaign.vehicles.mavlink.framing import frame_header
+from wil_campaign.worlds.figures import distinct_text
 
 
 class Synchronisation:
@@ -105,7 +106,7 @@ class Synchronisation:
         if skew_s is not None and skew_s > limit_s:
             self._run_state.decide(
                 "INVALID",
-                f"{what} skew {skew_s:.3f} s exceeds {limit_s:g} s",
+                f"{what} skew {distinct_text(skew_s, limit_s, digits=3)} s exceeds {limit_s:g} s",
                 source=f"sync/{what}",
             )
 

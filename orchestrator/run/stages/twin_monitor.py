@@ -6,14 +6,15 @@ from collections.abc import Callable, Sequence
 from itertools import groupby
 from operator import itemgetter
 
-from orchestrator.model.results import percentiles
-from orchestrator.model.twin_results import DropOut, TwinResult
-from orchestrator.state.run_state import RunState, Stage
-from orchestrator.state.vehicle_context import VehicleContext
-from vehicles.cameras.rendered_cameras import sleep_until
-from vehicles.coupling import Coupling
-from vehicles.poses.pose_history import PoseHistory
-from worlds.frames import Vec3, norm, subtract
+from wil_campaign.orchestrator.model.results import percentiles
+from wil_campaign.orchestrator.model.twin_results import DropOut, TwinResult
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
+from wil_campaign.vehicles.coupling import Coupling
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.frames import Vec3, norm, subtract
 
 _HZ = 20.0
 _DELAY_S = 0.1
@@ -110,8 +111,8 @@ class TwinMonitor:
         self._is_beyond = True
         self._run_state.decide(
             "INVALID",
-            f"real and twin were {distance_m:.2f} m apart; sync.max_twin_distance_m is "
-            f"{self._limit_m:g} m",
+            f"real and twin were {distinct_text(distance_m, self._limit_m)} m apart; "
+            f"sync.max_twin_distance_m is {self._limit_m:g} m",
             t_s=t_s,
             source="sync/twin",
             ends_flight=False,

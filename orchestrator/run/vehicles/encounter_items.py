@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable, Iterator
 
-from campaigns.setup.encounters import encounters
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.preflight import Item, distance_item, separation_item
-from worlds.frames import norm
-from worlds.geodesy import LocalFrame
+from wil_campaign.campaigns.setup.encounters import encounters
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.preflight import Item, distance_item, separation_item
+from wil_campaign.worlds.frames import norm
+from wil_campaign.worlds.geodesy import LocalFrame
 
 
 def encounter_items(setup: RunSetup, contexts: Iterable[VehicleContext]) -> Iterator[Item]:

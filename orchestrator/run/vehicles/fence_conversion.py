@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterator
 
 import shapely
 
-from safety.fence.areas import Area, Circle, Point2
-from safety.fence.geofence import Fence
-from vehicles.driver.onboard.fence_protocol import AutopilotFence
-from vehicles.mavlink.fence_areas import FenceArea, FenceCircle, FencePolygon, Place
-from worlds.frames import Vec3
+from wil_campaign.safety.fence.areas import Area, Circle, Point2
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.vehicles.driver.onboard.fence_protocol import AutopilotFence
+from wil_campaign.vehicles.mavlink.fence_areas import FenceArea, FenceCircle, FencePolygon, Place
+from wil_campaign.worlds.frames import Vec3
 
 _QUARTER = 6
 """Corners of a quarter circle joined with other areas: autopilots store 70 corners in all."""

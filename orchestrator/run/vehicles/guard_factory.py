@@ -5,29 +5,29 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 
-from campaigns.setup.case_setup import LinkSetup
-from campaigns.setup.vehicle_setups import FlownSetup
-from orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
-from orchestrator.run.vehicles.vehicle_backends import (
+from wil_campaign.campaigns.setup.case_setup import LinkSetup
+from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
+from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
+from wil_campaign.orchestrator.run.vehicles.vehicle_backends import (
     InProcessBackend,
     SubprocessBackend,
     VehicleBackend,
     vehicle_seed,
 )
-from orchestrator.state.run_setup import RunSetup
-from safety.guard.core.events import GuardedVehicle, GuardSettings
-from safety.guard.guard import Guard
-from safety.guard.local_guard import GuardLinks, LocalGuard, Record
-from safety.guard.process.guard_config import GuardConfig, Guarded
-from safety.guard.process.remote_guard import RemoteGuard
-from safety.guard.process.run_clock import PaceSetup
-from vehicles.autopilots.autopilot import Target
-from vehicles.autopilots.registry import autopilot_named
-from vehicles.launch.prepared_launch import PreparedLaunch
-from vehicles.links.link import Link
-from vehicles.links.link_conditions import LinkConditions, under_conditions
-from vehicles.links.memory import memory_pair
-from worlds.scene.track import Track
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
+from wil_campaign.safety.guard.guard import Guard
+from wil_campaign.safety.guard.local_guard import GuardLinks, LocalGuard, Record
+from wil_campaign.safety.guard.process.guard_config import GuardConfig, Guarded
+from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
+from wil_campaign.safety.guard.process.run_clock import PaceSetup
+from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch
+from wil_campaign.vehicles.links.link import Link
+from wil_campaign.vehicles.links.link_conditions import LinkConditions, under_conditions
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.worlds.scene.track import Track
 
 _LINK_SEED = 3
 """Separates the random draws of links from others with the same seed."""
@@ -79,6 +79,7 @@ def guard_of(
     guard_config = GuardConfig(
         run=setup.order.plan.name,
         folder=str(setup.order.folder.absolute()),
+        campaign=str((setup.order.campaign or setup.order.folder).absolute()),
         epoch_s=time.time() - asyncio.get_running_loop().time(),
         vehicles={
             one.name: Guarded(
@@ -94,7 +95,8 @@ def guard_of(
         settings=replace(settings, orchestrator_silent_s=HANGING_S * setup.pace),
         pace=pace,
     )
-    guard = RemoteGuard(guard_config=guard_config, record=record)
+    fed = [one.name for one in setup.guarded if one.embedded]
+    guard = RemoteGuard(guard_config=guard_config, record=record, fed=fed)
     backend = SubprocessBackend(setup, guard, prepared)
     return guard, backend, {name: guard.link(name) for name in guarded}
 

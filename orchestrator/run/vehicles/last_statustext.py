@@ -1,8 +1,8 @@
 """The last STATUSTEXT messages of a vehicle, for the reason of a run that it ended."""
 
-from orchestrator.run.vehicles.pair import Pair
-from safety.guard.core.events import GuardEvent
-from vehicles.driver.vehicle_state import StatusText
+from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.safety.guard.core.events import GuardEvent
+from wil_campaign.vehicles.driver.vehicle_state import StatusText
 
 _LAST_TEXTS = 4
 _FRESH_S = 2.0

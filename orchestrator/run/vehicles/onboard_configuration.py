@@ -7,23 +7,23 @@ import asyncio
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
-from campaigns.setup.vehicle_setups import FlownSetup
-from orchestrator.run.vehicles.arming_record import ArmingRecord
-from orchestrator.run.vehicles.onboard_fences import OnboardFences
-from orchestrator.run.vehicles.preflight_checks import (
+from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
+from wil_campaign.orchestrator.run.vehicles.arming_record import ArmingRecord
+from wil_campaign.orchestrator.run.vehicles.onboard_fences import OnboardFences
+from wil_campaign.orchestrator.run.vehicles.preflight_checks import (
     ceiling_above_home_m,
     sets_failsafes,
     wanted_failsafes,
 )
-from orchestrator.run.vehicles.restoration import Restoration
-from orchestrator.run.vehicles.simulator_logs import flight_log
-from orchestrator.state.parameter_backups import parameter_backup_folder
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.run_state import RunState
-from orchestrator.state.vehicle_context import VehicleContext
-from vehicles.driver.onboard.fence_backup import restore_fence
-from vehicles.driver.onboard.parameter_backup import ParameterValue
-from vehicles.errors import VehicleError
+from wil_campaign.orchestrator.run.vehicles.restoration import Restoration
+from wil_campaign.orchestrator.run.vehicles.simulator_logs import flight_log
+from wil_campaign.orchestrator.state.parameter_backups import parameter_backup_folder
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.vehicles.driver.onboard.fence_backup import restore_fence
+from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterValue
+from wil_campaign.vehicles.errors import VehicleError
 
 Note = Callable[..., None]
 
@@ -176,9 +176,10 @@ class OnboardConfiguration:
 
 
 async def _fetch_newest_log(context: VehicleContext, folder: Path) -> str:
-    """Fetch a vehicle's newest log; return its file's path in the folder, or that there is none.
+    """Fetch a vehicle's newest log that is not empty; return its file's path in the folder.
 
-    Raises VehicleError, TimeoutError, OSError.
+    An autopilot may list logs of 0 bytes behind that of the flight: begun, and not written yet.
+    Returns in words that there is no log. Raises VehicleError, TimeoutError, OSError.
     """
     # A launched simulator writes its log here; over MAVLink it would take longer than the run.
     written = flight_log(folder / f"{context.name}-sitl")
@@ -189,5 +190,9 @@ async def _fetch_newest_log(context: VehicleContext, folder: Path) -> str:
         entries = await logs.list()
         if not entries:
             return "the vehicle has no log"
-        file = await logs.fetch(entries[-1], folder, name=context.name)
-    return file.name
+        newest = next((one for one in reversed(entries) if one.size_bytes > 0), None)
+        if newest is None:
+            return f"all {len(entries)} logs of the vehicle are empty"
+        file = await logs.fetch(newest, folder, name=context.name)
+    newer = len(entries) - 1 - entries.index(newest)
+    return f"{file.name} (newer logs, all empty: {newer})" if newer else file.name

@@ -3,24 +3,24 @@
 import asyncio
 from collections.abc import Callable, Mapping
 
-from orchestrator.run.vehicles.fence_conversion import onboard_fence_of
-from orchestrator.run.vehicles.preflight_checks import (
+from wil_campaign.orchestrator.run.vehicles.fence_conversion import onboard_fence_of
+from wil_campaign.orchestrator.run.vehicles.preflight_checks import (
     ceiling_above_home_m,
     lower_return,
     sets_failsafes,
 )
-from orchestrator.run.vehicles.restoration import Restoration
-from orchestrator.state.parameter_backups import parameter_backup_folder
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.fence.areas import Point2
-from safety.fence.geofence import Fence
-from vehicles.driver.onboard.fence_protocol import AutopilotFence
-from vehicles.driver.onboard.onboard_fence import OnboardFence
-from vehicles.driver.onboard.parameter_backup import ParameterValue
-from vehicles.errors import VehicleError
-from vehicles.mavlink.fence_areas import Place
-from vehicles.tasks import raising_first_of
+from wil_campaign.orchestrator.run.vehicles.restoration import Restoration
+from wil_campaign.orchestrator.state.parameter_backups import parameter_backup_folder
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.fence.areas import Point2
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.vehicles.driver.onboard.fence_protocol import AutopilotFence
+from wil_campaign.vehicles.driver.onboard.onboard_fence import OnboardFence
+from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterValue
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.mavlink.fence_areas import Place
+from wil_campaign.vehicles.tasks import raising_first_of
 
 Note = Callable[..., None]
 

@@ -5,23 +5,23 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 
-from campaigns.setup.case_setup import LinkSetup
-from campaigns.setup.vehicle_setups import FlownSetup
-from orchestrator.external.motion_captures import MotionCaptures
-from orchestrator.run.vehicles.guard_factory import guard_of
-from orchestrator.run.vehicles.simulator_launch import prepare_launches
-from orchestrator.run.vehicles.vehicle_backends import TRUTH_HZ, Feed
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.run_state import RunState, Stage
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.guard.guard import Guard
-from safety.guard.local_guard import Record
-from vehicles.command_backends import command_backend_of
-from vehicles.driver import Driver
-from vehicles.driver.vehicle_state import EstimateSample
-from vehicles.embedded.physics.states import TruthSample
-from vehicles.links.tapped import TappedLink
-from worlds.scene.track import Track
+from wil_campaign.campaigns.setup.case_setup import LinkSetup
+from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
+from wil_campaign.orchestrator.external.motion_captures import MotionCaptures
+from wil_campaign.orchestrator.run.vehicles.guard_factory import guard_of
+from wil_campaign.orchestrator.run.vehicles.simulator_launch import prepare_launches
+from wil_campaign.orchestrator.run.vehicles.vehicle_backends import TRUTH_HZ, Feed
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.guard.guard import Guard
+from wil_campaign.safety.guard.local_guard import Record
+from wil_campaign.vehicles.command_backends import command_backend_of
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
+from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.links.tapped import TappedLink
+from wil_campaign.worlds.scene.track import Track
 
 _UNJUDGED_TRUTH_HZ = 50.0
 """Rate of a truth that judges nothing: its camera interpolates it, and it is recorded."""
@@ -141,6 +141,7 @@ def _vehicle_context(setup: RunSetup, vehicle: FlownSetup, link: TappedLink) -> 
         vehicle.start,
         vehicle.pose_source,
         may_drop_out=vehicle.name == setup.companion,
+        permits_dead_reckoning=vehicle.permits_dead_reckoning,
     )
 
 

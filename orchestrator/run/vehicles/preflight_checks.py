@@ -1,43 +1,50 @@
-"""Preflight of a run: gathers the values for the checks of `safety.preflight`."""
+"""Preflight of a run: gathers the values for the checks of `wil_campaign.safety.preflight`."""
 
 import asyncio
+import itertools
 import shutil
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
-from campaigns.setup.vehicle_setups import FlownSetup
-from orchestrator.run.vehicles.encounter_items import encounter_items
-from orchestrator.state.run_setup import RunSetup
-from orchestrator.state.run_state import FlightError
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.fence.geofence import Fence
-from safety.preflight import (
+from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
+from wil_campaign.campaigns.values.wanted_firmware import fits
+from wil_campaign.orchestrator.run.vehicles.encounter_items import encounter_items
+from wil_campaign.orchestrator.run.vehicles.firmware_record import firmware_of
+from wil_campaign.orchestrator.run.vehicles.return_checks import return_faults
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.orchestrator.state.run_state import FlightError
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.preflight import (
     Item,
     at_least,
     at_most,
+    firmware_item,
     gps_items,
     ground_truth_item,
     home_item,
+    other_sender_item,
     pair_item,
+    permitted_item,
     refused,
     settled,
-    unsigned_commands_item,
     without_faults,
 )
-from vehicles.autopilots.autopilot import AutopilotName
-from vehicles.autopilots.failsafes import (
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.autopilots.failsafes import (
     FAILSAFES,
     RETURN_ALTITUDES,
     return_altitude_m,
     unsound,
 )
-from vehicles.autopilots.registry import autopilot_named
-from vehicles.driver.onboard.parameter_backup import ParameterValue
-from vehicles.driver.onboard.parameters import Parameters
-from vehicles.errors import ParameterError
-from vehicles.mavlink.names import message_name
-from worlds.frames import Vec3, norm, subtract
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterValue
+from wil_campaign.vehicles.driver.onboard.parameters import Parameters
+from wil_campaign.vehicles.errors import ParameterError
+from wil_campaign.vehicles.mavlink.names import message_name
+from wil_campaign.worlds.frames import Vec3, norm, subtract
 
 Note = Callable[..., None]
 
@@ -76,8 +83,7 @@ class Preflight:
             items += await self._vehicle(context)
         items += self._pair(contexts)
         items += encounter_items(self._setup, flown)
-        if self._setup.campaign.unsigned_commands:
-            items.append(unsigned_commands_item())
+        items += itertools.starmap(permitted_item, self._setup.campaign.permits.items())
         self.items = settled(items, wanted.override)
         for item in self.items:
             self._note("preflight", **asdict(item))
@@ -99,6 +105,7 @@ class Preflight:
             at_least("battery", name, battery, wanted.min_battery, unit="", what="its charge"),
             without_faults("estimator", name, state.faults),
             _position_item(context, position, wanted.start_tolerance_m),
+            *(other_sender_item(name, text) for text in context.driver.others),
             *await self._source(context),
             at_most(
                 "clock",
@@ -111,6 +118,12 @@ class Preflight:
         ]
         if fence is not None:
             items.append(home_item(name, fence, position, setup.campaign.guarding.keep_m))
+        context.driver.parameter_digest.settle()
+        if (version := setup.campaign.firmware.get(name)) is not None:
+            identity = context.driver.identity
+            found = fits(version, identity.version_text, identity.git_hash)
+            flown = firmware_of(context, setup).release
+            items.append(firmware_item(name, flown, fits=found, wanted=version))
         return items
 
     async def _source(self, context: VehicleContext) -> Iterable[Item]:
@@ -165,13 +178,12 @@ class Preflight:
                 values |= await first_known(parameters, rule.names)
         names = tuple(one.name for one in RETURN_ALTITUDES[autopilot])
         ceiling_m = ceiling_above_home_m(self._setup, vehicle)
-        items = [
-            without_faults(
-                "failsafe",
-                context.name,
-                unsound(autopilot, values, pace=vehicle.launch_pace or 1.0),
-            )
-        ]
+        faults = [*unsound(autopilot, values, pace=vehicle.launch_pace or 1.0)]
+        fence = self._setup.campaign.fences.get(vehicle.name)
+        if fence is not None:
+            known = partial(first_known, parameters)
+            faults += await return_faults(context, fence, values, known)
+        items = [without_faults("failsafe", context.name, faults)]
         if ceiling_m is not None:
             altitude_m = return_altitude_m(autopilot, await first_known(parameters, names))
             what = "its RTL altitude"

@@ -4,7 +4,7 @@ from contextlib import AsyncExitStack
 from types import TracebackType
 from typing import Protocol
 
-from vehicles.errors import VehicleError
+from wil_campaign.vehicles.errors import VehicleError
 
 
 class Change(Protocol):

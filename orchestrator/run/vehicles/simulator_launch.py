@@ -5,12 +5,12 @@ from collections.abc import Mapping
 from contextlib import AsyncExitStack
 from dataclasses import replace
 
-from campaigns.setup.vehicle_setups import FlownSetup, SitlLaunch
-from orchestrator.state.run_setup import RunSetup
-from safety.guard.process.remote_guard import RemoteGuard
-from vehicles.launch.launch_plan import Home
-from vehicles.launch.prepared_launch import PreparedLaunch
-from vehicles.tasks import start, stop
+from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup, SitlLaunch
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
+from wil_campaign.vehicles.launch.launch_plan import Home
+from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch
+from wil_campaign.vehicles.tasks import start, stop
 
 _READY_S = 60.0
 """Start time limit: a loaded machine, or a container image that starts cold."""

@@ -8,10 +8,11 @@ _NO_LOG = "eeprom.bin"
 
 
 def flight_log(folder: Path) -> Path | None:
-    """Return the log of a simulator's flight, the largest below its folder; None without one.
+    """Return the log of a simulator's flight, the largest below its folder; None if all are empty.
 
     ArduCopter begins another one, almost empty, as soon as it has landed.
     """
     files = (file for file in folder.rglob("*") if file.suffix.lower() in _SUFFIXES)
-    logs = (file for file in files if file.name != _NO_LOG)
-    return max(logs, key=lambda file: file.stat().st_size, default=None)
+    sizes = {file: file.stat().st_size for file in files if file.name != _NO_LOG}
+    written = [file for file, size in sizes.items() if size > 0]
+    return max(written, key=lambda file: sizes[file], default=None)

@@ -1,30 +1,34 @@
 """Vehicle backends: start vehicles in this process (virtual time) or in separate processes."""
 
 import math
-import sys
 import zlib
 from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack
 from typing import Literal, Protocol
 
-from campaigns.setup.vehicle_setups import FlownSetup
-from orchestrator.run.vehicles.simulator_launch import start_simulators
-from orchestrator.state.run_setup import RunSetup
-from safety.evaluation.judge import ground_objects
-from safety.guard.process.remote_guard import RemoteGuard
-from vehicles.autopilots.failsafes import SILENCE_PARAMETERS
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.physics.contact_world import SceneContactWorld, as_argument
-from vehicles.embedded.physics.states import TruthSample
-from vehicles.embedded.process.embedded_launch import FeedClient
-from vehicles.embedded.process.process_settings import ContactWorldSettings, ProcessSettings, Start
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.launch.prepared_launch import PreparedLaunch
-from vehicles.links.link import Link
-from vehicles.links.memory import memory_pair
-from vehicles.readings import PoseReading
-from vehicles.tasks import start, stop
-from worlds.scene.track import Track
+from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
+from wil_campaign.orchestrator.run.vehicles.simulator_launch import start_simulators
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.safety.evaluation.judge import ground_objects
+from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
+from wil_campaign.vehicles.autopilots.failsafes import SILENCE_PARAMETERS
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.physics.contact_world import SceneContactWorld, as_argument
+from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.embedded.process.embedded_launch import FeedClient
+from wil_campaign.vehicles.embedded.process.process_settings import (
+    ContactWorldSettings,
+    ProcessSettings,
+    Start,
+)
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch
+from wil_campaign.vehicles.links.link import Link
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.processes.vehicle_server_process import vehicle_program
+from wil_campaign.vehicles.readings import PoseReading
+from wil_campaign.vehicles.tasks import start, stop
+from wil_campaign.worlds.scene.track import Track
 
 _LINK_LATENCY_S = 0.003
 """One way, as measured between processes over the loopback interface, rounded up."""
@@ -144,12 +148,13 @@ class SubprocessBackend:
         self._begun: dict[str, FeedClient] = {}
 
     async def begin(self, stack: AsyncExitStack, vehicle: FlownSetup) -> None:
-        """Have the guard start an embedded vehicle's process, and open the socket of its feed."""
+        """Have the guard start an embedded vehicle's process, and read the socket of its feed."""
         if not vehicle.embedded:
             return
-        feed = await stack.enter_async_context(FeedClient(source=_source_of(vehicle)))
-        settings = self._settings(vehicle).model_copy(update={"feed_port": feed.port})
-        program = [sys.executable, "-P", "-m", "vehicles.embedded", settings.model_dump_json()]
+        client = FeedClient(source=_source_of(vehicle), end=self._guard.feed(vehicle.name))
+        feed = await stack.enter_async_context(client)
+        settings = self._settings(vehicle)
+        program = (*vehicle_program(), settings.model_dump_json())
         await self._guard.start(vehicle.name, program)
         self._begun[vehicle.name] = feed
 
@@ -211,7 +216,7 @@ class SubprocessBackend:
         # That process does not know the actors' poses; the oracles judge contacts with them.
         actors = [one.name for one in setup.actors]
         return ContactWorldSettings(
-            use="vehicles.embedded.physics.contact_world:from_argument",
+            use="wil_campaign.vehicles.embedded.physics.contact_world:from_argument",
             argument=as_argument(
                 world,
                 setup.mode,

@@ -6,12 +6,12 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
-from recipes.model.registry import Context, ParameterFault, SidedParameters, step
-from recipes.operations.masks import intersect_masks
-from recipes.working import AnyMasked, Masked, Operator
-from vehicles.perception.detector import DetectorError, Layout, OnnxDetector
-from vehicles.readings import CameraReading
-from worlds.files.documents import KeyFaultError, closest
+from wil_campaign.recipes.model.registry import Context, ParameterFault, SidedParameters, step
+from wil_campaign.recipes.operations.masks import intersect_masks
+from wil_campaign.recipes.working import AnyMasked, Masked, Operator
+from wil_campaign.vehicles.perception.detector import DetectorError, Layout, OnnxDetector
+from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.worlds.files.documents import KeyFaultError, closest
 
 InputPx = Annotated[int, Field(ge=16, le=4096)]
 

@@ -6,18 +6,18 @@ import cv2
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.masks import intersect_masks
-from recipes.working import AnyMasked, CannotMixError, Masked, Operator
-from vehicles.perception.hsv import FULL_CIRCLE_DEG, NAMED_COLORS, HsvMask, HsvRange
-from vehicles.readings import (
+from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.operations.masks import intersect_masks
+from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator
+from wil_campaign.vehicles.perception.hsv import FULL_CIRCLE_DEG, NAMED_COLORS, HsvMask, HsvRange
+from wil_campaign.vehicles.readings import (
     CameraReading,
     DepthReading,
     LidarPointsReading,
     LidarScanReading,
     Mask,
 )
-from worlds.files.documents import KeyFaultError, Part, Path, closest
+from wil_campaign.worlds.files.documents import KeyFaultError, Part, Path, closest
 
 Identified = CameraReading | DepthReading | LidarScanReading | LidarPointsReading
 

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
-from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.masks import narrow_mask
-from recipes.operations.scans import is_full_turn
-from recipes.working import AnyMasked, Masked, Operator
-from vehicles.readings import (
+from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.operations.masks import narrow_mask
+from wil_campaign.recipes.operations.scans import is_full_turn
+from wil_campaign.recipes.working import AnyMasked, Masked, Operator
+from wil_campaign.vehicles.readings import (
     CameraReading,
     DepthReading,
     LidarPointsReading,

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.masks import narrow_mask
-from recipes.operations.step_parameters import RANGING
-from recipes.working import AnyMasked, Operator
-from vehicles.readings import (
+from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.operations.masks import narrow_mask
+from wil_campaign.recipes.operations.step_parameters import RANGING
+from wil_campaign.recipes.working import AnyMasked, Operator
+from wil_campaign.vehicles.readings import (
     DepthReading,
     LidarPointsReading,
     LidarScanReading,

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from recipes.model.registry import Context, StepParameters, step
-from recipes.operations.interpolation import between
-from recipes.operations.masks import is_kept, kept_elements
-from recipes.operations.scans import refuse_other_beams
-from recipes.steps.merge.overlays import refuse_mismatch
-from recipes.working import AnyMasked, CannotMixError, Masked, Merge, Sides
-from vehicles.readings import (
+from wil_campaign.recipes.model.registry import Context, StepParameters, step
+from wil_campaign.recipes.operations.interpolation import between
+from wil_campaign.recipes.operations.masks import is_kept, kept_elements
+from wil_campaign.recipes.operations.scans import refuse_other_beams
+from wil_campaign.recipes.steps.merge.overlays import refuse_mismatch
+from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Merge, Sides
+from wil_campaign.vehicles.readings import (
     CameraReading,
     DepthReading,
     GpsReading,

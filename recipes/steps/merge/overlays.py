@@ -7,13 +7,19 @@ import cv2
 import numpy as np
 from pydantic import Field, field_validator
 
-from recipes.model.registry import Context, StepParameters, step
-from recipes.operations.masks import is_kept, kept_elements
-from recipes.operations.optics import disagreement_px
-from recipes.operations.scans import refuse_other_beams
-from recipes.operations.soft_edges import SoftEdge
-from recipes.working import AnyMasked, CannotMixError, Masked, Merge, Need, Side, Sides
-from vehicles.readings import CameraReading, DepthReading, LidarScanReading, Mask, Reading
+from wil_campaign.recipes.model.registry import Context, StepParameters, step
+from wil_campaign.recipes.operations.masks import is_kept, kept_elements
+from wil_campaign.recipes.operations.optics import disagreement_px
+from wil_campaign.recipes.operations.scans import refuse_other_beams
+from wil_campaign.recipes.operations.soft_edges import SoftEdge
+from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Merge, Need, Side, Sides
+from wil_campaign.vehicles.readings import (
+    CameraReading,
+    DepthReading,
+    LidarScanReading,
+    Mask,
+    Reading,
+)
 
 MAX_DISAGREEMENT_PX = 1.0
 """Largest distance of the same point in two images that may be laid over each other."""

@@ -7,17 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from recipes.model.registry import Context, StepParameters, step
-from recipes.operations.masks import kept_elements
-from recipes.operations.optics import size_of
-from recipes.operations.quantities import QUANTITIES
-from recipes.operations.scans import refuse_other_beams
-from recipes.operations.step_parameters import IMAGE_SENSORS
-from recipes.steps.filter.regions import BoxPart, angles_of, in_sector, region_mask
-from recipes.steps.merge.overlays import refuse_mismatch
-from recipes.steps.merge.points import join_clouds, kept_points
-from recipes.working import AnyMasked, CannotMixError, Merge, Need, Side, Sides
-from vehicles.readings import (
+from wil_campaign.recipes.model.registry import Context, StepParameters, step
+from wil_campaign.recipes.operations.masks import kept_elements
+from wil_campaign.recipes.operations.optics import size_of
+from wil_campaign.recipes.operations.quantities import QUANTITIES
+from wil_campaign.recipes.operations.scans import refuse_other_beams
+from wil_campaign.recipes.operations.step_parameters import IMAGE_SENSORS
+from wil_campaign.recipes.steps.filter.regions import BoxPart, angles_of, in_sector, region_mask
+from wil_campaign.recipes.steps.merge.overlays import refuse_mismatch
+from wil_campaign.recipes.steps.merge.points import join_clouds, kept_points
+from wil_campaign.recipes.working import AnyMasked, CannotMixError, Merge, Need, Side, Sides
+from wil_campaign.vehicles.readings import (
     SENSOR_TYPES,
     CameraReading,
     DepthReading,
@@ -26,7 +26,7 @@ from vehicles.readings import (
     Reading,
     sensor_type_of,
 )
-from worlds.files.documents import KeyFaultError, Part, closest
+from wil_campaign.worlds.files.documents import KeyFaultError, Part, closest
 
 Bools = NDArray[np.bool_]
 

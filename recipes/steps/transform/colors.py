@@ -6,16 +6,16 @@ from typing import Annotated, Literal
 import cv2
 from pydantic import Field, model_validator
 
-from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.photometry import (
+from wil_campaign.recipes.model.registry import Context, SidedParameters, Stage, step
+from wil_campaign.recipes.operations.photometry import (
     Correction,
     Corrector,
     correction,
     measure_photometry,
     with_known,
 )
-from recipes.working import AnyMasked, CannotMixError, Masked, Operator
-from vehicles.readings import BgrImage, CameraReading
+from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator
+from wil_campaign.vehicles.readings import BgrImage, CameraReading
 
 Work = Masked[CameraReading]
 
@@ -34,6 +34,9 @@ class ColorSpaceParameters(SidedParameters):
 
     given: Literal["bgr", "rgb", "hsv", "lab", "ycrcb"] = "bgr"
     shown: Literal["color", "gray"] = "color"
+
+
+_MATCHING: tuple[Stage, ...] = ("transform", "filter")
 
 
 @step("color_space", stage="transform", sensors=("camera",), parameters=ColorSpaceParameters)
@@ -92,13 +95,6 @@ class MatchPhotometryParameters(SidedParameters):
         return self
 
 
-@step("match_photometry", stage="filter", sensors=("camera",), parameters=MatchPhotometryParameters)
-@step(
-    "match_photometry",
-    stage="transform",
-    sensors=("camera",),
-    parameters=MatchPhotometryParameters,
-)
 def match_photometry(parameters: MatchPhotometryParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
     """Give an image the exposure, white balance, noise and blur of the other side's camera.
 
@@ -106,6 +102,15 @@ def match_photometry(parameters: MatchPhotometryParameters, context: Context) ->
     isolates an object, its blur does not include the object's old background.
     """
     return _Matcher(parameters)
+
+
+MATCHES = tuple(
+    step(
+        "match_photometry", stage=stage, sensors=("camera",), parameters=MatchPhotometryParameters
+    )(match_photometry)
+    for stage in _MATCHING
+)
+"""The step in both stages that may have it."""
 
 
 class _Matcher:

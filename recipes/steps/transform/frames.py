@@ -7,11 +7,11 @@ from typing import Literal
 import numpy as np
 from pydantic import model_validator
 
-from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.step_parameters import Degrees, Metres, RotationPart
-from recipes.steps.transform.geometry import refuse_own
-from recipes.working import AnyMasked, CannotMixError, Masked, Operator
-from vehicles.readings import (
+from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.operations.step_parameters import Degrees, Metres, RotationPart
+from wil_campaign.recipes.steps.transform.geometry import refuse_own
+from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator
+from wil_campaign.vehicles.readings import (
     GpsReading,
     ImuReading,
     LidarPointsReading,
@@ -19,8 +19,8 @@ from vehicles.readings import (
     PoseReading,
     Reading,
 )
-from worlds.files.documents import Part
-from worlds.frames import (
+from wil_campaign.worlds.files.documents import Part
+from wil_campaign.worlds.frames import (
     Pose,
     Quat,
     add,
@@ -33,7 +33,7 @@ from worlds.frames import (
     quat_normalize,
     rotate,
 )
-from worlds.geodesy import LocalFrame
+from wil_campaign.worlds.geodesy import LocalFrame
 
 _NED_FROM_ENU: Quat = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)
 _FRD_FROM_FLU: Quat = (0.0, 1.0, 0.0, 0.0)

@@ -4,12 +4,17 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.optics import ImageReading, cropped, remapped, resized, size_of
-from recipes.operations.step_parameters import IMAGE_SENSORS, IntrinsicsPart, RotationPart, SizePx
-from recipes.working import CannotMixError, DropReason, Masked, Operator, Side
-from worlds.files.documents import KeyFaultError, Part
-from worlds.frames import IDENTITY
+from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.operations.optics import ImageReading, cropped, remapped, resized, size_of
+from wil_campaign.recipes.operations.step_parameters import (
+    IMAGE_SENSORS,
+    IntrinsicsPart,
+    RotationPart,
+    SizePx,
+)
+from wil_campaign.recipes.working import CannotMixError, DropReason, Masked, Operator, Side
+from wil_campaign.worlds.files.documents import KeyFaultError, Part
+from wil_campaign.worlds.frames import IDENTITY
 
 Work = Masked[ImageReading]
 

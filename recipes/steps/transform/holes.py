@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.optics import ImageReading
-from recipes.operations.step_parameters import IMAGE_SENSORS
-from recipes.working import AnyMasked, CannotMixError, Masked, Operator
+from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.operations.optics import ImageReading
+from wil_campaign.recipes.operations.step_parameters import IMAGE_SENSORS
+from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator
 
 Depth = NDArray[np.float32]
 

@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.masks import kept_elements
-from recipes.working import AnyMasked, Masked, Operator
-from vehicles.readings import (
+from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.operations.masks import kept_elements
+from wil_campaign.recipes.working import AnyMasked, Masked, Operator
+from wil_campaign.vehicles.readings import (
     DepthReading,
     GpsReading,
     LidarPointsReading,
     LidarScanReading,
     PoseReading,
 )
-from worlds.camera import Intrinsics
-from worlds.frames import IDENTITY, Pose, quat_from_euler
-from worlds.geodesy import LocalFrame
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import IDENTITY, Pose, quat_from_euler
+from wil_campaign.worlds.geodesy import LocalFrame
 
 
 class OriginParameters(SidedParameters):

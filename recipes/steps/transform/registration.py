@@ -8,8 +8,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from recipes.model.registry import Context, StepParameters, step
-from recipes.working import Align, PoseRequest, Side
+from wil_campaign.recipes.model.registry import Context, StepParameters, step
+from wil_campaign.recipes.working import Align, PoseRequest, Side
 
 _FROM_A_PLACE = ("camera", "depth", "lidar", "lidar_points", "rangefinder")
 """Sensors of the surroundings, which a simulator can render from a requested pose."""

@@ -5,10 +5,10 @@ from typing import Annotated
 
 from pydantic import Field
 
-from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.interpolation import INTERPOLATED, between
-from recipes.working import Align, AnyMasked, CannotMixError, Masked, TimedOperator
-from vehicles.readings import (
+from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.operations.interpolation import INTERPOLATED, between
+from wil_campaign.recipes.working import Align, AnyMasked, CannotMixError, Masked, TimedOperator
+from wil_campaign.vehicles.readings import (
     SENSOR_TYPES,
     CameraReading,
     DepthReading,

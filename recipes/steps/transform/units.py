@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from recipes.model.registry import Context, SidedParameters, step
-from recipes.operations.unit_factors import (
+from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.operations.unit_factors import (
     METRES,
     METRES_PER_SECOND,
     METRES_PER_SECOND_SQUARED,
@@ -19,8 +19,8 @@ from recipes.operations.unit_factors import (
     PressureUnit,
     SpeedUnit,
 )
-from recipes.working import AnyMasked, Masked, Operator
-from vehicles.readings import (
+from wil_campaign.recipes.working import AnyMasked, Masked, Operator
+from wil_campaign.vehicles.readings import (
     SENSOR_TYPES,
     CameraReading,
     DepthReading,
@@ -33,7 +33,7 @@ from vehicles.readings import (
     RangefinderReading,
     Reading,
 )
-from worlds.frames import Pose, Vec3, scale
+from wil_campaign.worlds.frames import Pose, Vec3, scale
 
 _MEASURED = {
     "length": ("camera", "depth", "lidar", "lidar_points", "rangefinder", "gps", "pose"),

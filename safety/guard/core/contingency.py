@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.autopilot import Mode
 
 
 class Phase(Enum):

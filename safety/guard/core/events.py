@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from safety.fence.geofence import Fence
-from safety.guard.core.contingency import require_landing
-from safety.guard.core.setpoint_limits import SetpointLimits
-from safety.model.verdict import DecisiveEvent, DecisiveKind
-from vehicles.autopilots.autopilot import Autopilot, Mode, Target
-from vehicles.autopilots.failsafes import OWN_SYSTEM_ID
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.contingency import require_landing
+from wil_campaign.safety.guard.core.setpoint_limits import SetpointLimits
+from wil_campaign.safety.model.verdict import DecisiveEvent, DecisiveKind
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode, Target
+from wil_campaign.vehicles.autopilots.failsafes import OWN_SYSTEM_ID
 
 Cause = Literal["fence", "silence", "lost", "failsafe", "takeover", "abort", "bring_down", "clock"]
 """Why the guard took over. bring_down: the orchestrator requested it, for its own reason. clock:
@@ -30,6 +30,7 @@ EventKind = Literal[
     "refused",
     "action",
     "dropped",
+    "steered",
     "unread",
     "limited",
     "heard",
@@ -42,14 +43,15 @@ EventKind = Literal[
 ]
 """A cause; hold, resume: the operator's; proposed: new fences are acceptable, to be uploaded first;
 geofence: fences were changed in flight; refused: a command that cannot be executed now; action:
-a step of a contingency; dropped: frames of the orchestrator that were not forwarded; unread:
-frames of the vehicle that the orchestrator did not read in time; limited: setpoints exceeded
-the campaign's limits, reported at the first and after the last of them; heard: a lost
-vehicle or orchestrator is received again; link: another link or address of a vehicle is active now;
-rival: another sender at a vehicle's port has the same system id, and is not accepted; pose: a
-position was ignored, because it is not finite or its source is frozen; record: the log of a
-vehicle's frames cannot be written any more; guard: the guard's own process ended or failed; alone:
-a cause that brings down this one vehicle and decides nothing for the other."""
+a step of a contingency; dropped: frames of the orchestrator or of a ground station that were not
+forwarded; steered: a ground station sends positions of sticks in flight; unread: frames of the
+vehicle that the orchestrator did not read in time; limited: setpoints exceeded the campaign's
+limits, reported at the first and after the last of them; heard: a lost vehicle or orchestrator
+is received again; link: another link or address of a vehicle is active now; rival: another
+sender at a vehicle's port has the same system id, and is not accepted; pose: a position was
+ignored, because it is not finite or its source is frozen; record: the log of a vehicle's frames
+cannot be written any more; guard: the guard's own process ended or failed; alone: a cause that
+brings down this one vehicle and decides nothing for the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,9 +169,14 @@ _DECISIVE: dict[EventKind, DecisiveKind] = {
     "guard": "ERROR",
     "clock": "ERROR",
     "record": "ERROR",
+    "steered": "INVALID",
     "abort": "ABORTED",
     "takeover": "ABORTED",
 }
+
+
+_RECORDED_ALONE = frozenset({"record", "steered"})
+"""What decides a run that its own program lands."""
 
 
 def decisive(event: GuardEvent) -> DecisiveEvent | None:
@@ -186,4 +193,6 @@ def decisive(event: GuardEvent) -> DecisiveEvent | None:
 
 def brings_down(event: GuardEvent) -> bool:
     """Return whether the guard lands all vehicles with this event."""
-    return event.kind == "bring_down" or (event.kind != "record" and event.kind in _DECISIVE)
+    return event.kind == "bring_down" or (
+        event.kind not in _RECORDED_ALONE and event.kind in _DECISIVE
+    )

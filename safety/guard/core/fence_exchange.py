@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 
-from safety.fence.fence_change import refusal_of_change
-from safety.fence.geofence import Fence
-from safety.fence.stopping import Motion
-from safety.guard.core.events import GuardSettings
+from wil_campaign.safety.fence.fence_change import refusal_of_change
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.fence.stopping import Motion
+from wil_campaign.safety.guard.core.events import GuardSettings
 
 
 def refusal_of_changes(

@@ -1,26 +1,35 @@
 """Classifies MAVLink frames: which ones the guard forwards, and which ones take control."""
 
-from safety.guard.core.mavlink_fields import (
+from wil_campaign.safety.guard.core.mavlink_fields import (
     COMMAND_INT,
     COMMAND_LONG,
+    DO_ORBIT,
+    DO_PARACHUTE,
     DO_PAUSE_CONTINUE,
     DO_REPOSITION,
     DO_SET_MODE,
+    DO_SET_STANDARD_MODE,
+    FILE_TRANSFER_PROTOCOL,
     MISSION_START,
     NAV_LAND,
+    NAV_LOITER_UNLIM,
     NAV_RETURN_TO_LAUNCH,
     NAV_TAKEOFF,
+    OVERRIDE_GOTO,
+    PARAM_SET,
     SET_MODE,
     Command,
     read_command,
+    read_file_operation,
+    read_parameter,
     read_target,
 )
-from vehicles.mavlink.framing import Frame
-from vehicles.mavlink.names import command_name, message_name
+from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.mavlink.names import command_name, message_name
 
 _CONFIGURATION = frozenset(
     {
-        23,  # PARAM_SET
+        PARAM_SET,
         44,  # MISSION_COUNT
         45,  # MISSION_CLEAR_ALL
         73,  # MISSION_ITEM_INT
@@ -59,15 +68,44 @@ _HARMLESS_COMMANDS = frozenset({510, 511, 512, 519, 520})
 """Message intervals, requests of a message, of the version and of the capabilities."""
 _CONTROL_COMMANDS = frozenset(
     {
+        NAV_LOITER_UNLIM,
         NAV_RETURN_TO_LAUNCH,
         NAV_LAND,
         NAV_TAKEOFF,
+        DO_ORBIT,
         DO_SET_MODE,
         DO_REPOSITION,
         DO_PAUSE_CONTINUE,
+        DO_PARACHUTE,
+        OVERRIDE_GOTO,
+        DO_SET_STANDARD_MODE,
         MISSION_START,
     }
 )
+"""Commands by which a pilot takes over: of modes, of where to fly, and of the last resort."""
+_READING_COMMANDS = _HARMLESS_COMMANDS | {410, 521, 522, 525, 527}
+"""And the requests for the home position and for a camera's information, settings and state."""
+_READING = frozenset(
+    {
+        123,  # GPS_INJECT_DATA
+        233,  # GPS_RTCM_DATA
+        320,  # PARAM_EXT_REQUEST_READ
+        321,  # PARAM_EXT_REQUEST_LIST
+        12900,  # OPEN_DRONE_ID_BASIC_ID
+        12902,  # OPEN_DRONE_ID_AUTHENTICATION
+        12903,  # OPEN_DRONE_ID_SELF_ID
+        12904,  # OPEN_DRONE_ID_SYSTEM
+        12905,  # OPEN_DRONE_ID_OPERATOR_ID
+        12915,  # OPEN_DRONE_ID_MESSAGE_PACK
+        12919,  # OPEN_DRONE_ID_SYSTEM_UPDATE
+    }
+)
+"""What a ground station may send beside what is harmless: corrections of a GPS base station, which
+a receiver checks against its satellites, and what the law has a vehicle broadcast."""
+_FILE_READING = frozenset({0, 1, 2, 3, 4, 5, 14, 15})
+"""Opcodes of MAVLink FTP that change no file."""
+_STICKS_AT = {69: 10, 70: 16}
+"""The offset of the target system in MANUAL_CONTROL and RC_CHANNELS_OVERRIDE."""
 
 
 _TARGET_AT = {SET_MODE: 4, 82: 36, 84: 50, 86: 50}
@@ -93,6 +131,25 @@ def is_harmless(frame: Frame, *, configures: bool) -> bool:
     return frame.message_id in _HARMLESS or frame.message_id in ESTIMATES
 
 
+def only_reads(frame: Frame) -> bool:
+    """Return whether a ground station's frame changes nothing that a flight was checked with.
+
+    What is not known to read only is taken to change something.
+    """
+    command = command_of(frame)
+    if command is not None:
+        return command.number in _READING_COMMANDS
+    if frame.message_id == FILE_TRANSFER_PROTOCOL:
+        return read_file_operation(frame) in _FILE_READING
+    return frame.message_id in _HARMLESS or frame.message_id in _READING
+
+
+def is_stick_input(frame: Frame, system: int) -> bool:
+    """Return whether a ground station's frame holds stick positions for the vehicle `system`."""
+    at = _STICKS_AT.get(frame.message_id)
+    return at is not None and read_target(frame, at) in {0, system}
+
+
 def is_control(frame: Frame, system: int) -> bool:
     """Return whether a ground station's frame takes control of the vehicle `system`."""
     at = _TARGET_AT.get(frame.message_id)
@@ -105,6 +162,8 @@ def is_control(frame: Frame, system: int) -> bool:
 
 
 def frame_name(frame: Frame) -> str:
-    """Return a frame's name in messages: its MAVLink message, or its command."""
+    """Return a frame's name in messages: its MAVLink message, its parameter, or its command."""
+    if frame.message_id == PARAM_SET:
+        return f"PARAM_SET of {read_parameter(frame)}"
     command = command_of(frame)
     return message_name(frame.message_id) if command is None else command_name(command.number)

@@ -9,9 +9,9 @@ forwarded; once it latches they are not, and its own contingency brings every ve
 
 from collections.abc import Mapping, Sequence
 
-from safety.fence.geofence import Fence
-from safety.guard.core.contingency import Action, ContingencyPlan, Phase
-from safety.guard.core.events import (
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.contingency import Action, ContingencyPlan, Phase
+from wil_campaign.safety.guard.core.events import (
     Cause,
     EventKind,
     GuardedVehicle,
@@ -23,9 +23,16 @@ from safety.guard.core.events import (
     ToOrchestrator,
     ToVehicle,
 )
-from safety.guard.core.fence_exchange import refusal_of_changes
-from safety.guard.core.frame_filter import command_of, frame_name, is_control, is_harmless
-from safety.guard.core.mavlink_fields import (
+from wil_campaign.safety.guard.core.fence_exchange import refusal_of_changes
+from wil_campaign.safety.guard.core.frame_filter import (
+    command_of,
+    frame_name,
+    is_control,
+    is_harmless,
+    is_stick_input,
+    only_reads,
+)
+from wil_campaign.safety.guard.core.mavlink_fields import (
     COMMAND_INT,
     COMMAND_LONG,
     EXTENDED_SYS_STATE,
@@ -33,16 +40,18 @@ from safety.guard.core.mavlink_fields import (
     LOCAL_POSITION_NED,
     SET_MODE,
 )
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.core.setpoint_frames import SETPOINTS
-from safety.guard.core.vehicle_supervisor import SupervisedVehicle
-from safety.model.samples import PoseSample
-from vehicles.autopilots.autopilot import own_heartbeat
-from vehicles.mavlink.framing import Frame
-from vehicles.poses.anchor import Anchor
-from worlds.frames import Vec3
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.core.setpoint_frames import SETPOINTS
+from wil_campaign.safety.guard.core.vehicle_supervisor import SupervisedVehicle
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.autopilots.autopilot import own_heartbeat
+from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.worlds.frames import Vec3
 
 _READ = frozenset({HEARTBEAT, EXTENDED_SYS_STATE, LOCAL_POSITION_NED})
+_MOST_DROPPED = 200
+"""Kinds of frames that were not forwarded: a sender that makes names up fills no disk."""
 _COMMANDS = frozenset({COMMAND_LONG, COMMAND_INT, SET_MODE})
 
 
@@ -125,11 +134,8 @@ class GuardCore:
         """Judge a vehicle's frames, which were forwarded; return the guard's reaction."""
         supervised = self._supervised_vehicles[name]
         out: list[Output] = []
-        target, is_received = supervised.vehicle.target, False
-        system, component = target.system, target.component
-        for frame in frames:
-            if frame.system != system or frame.component != component:
-                continue
+        is_received = False
+        for frame in supervised.own_frames(frames, t_s):
             if not is_received:
                 is_received = True
                 supervised.seen.last_received_s = t_s
@@ -158,23 +164,47 @@ class GuardCore:
         return (ToVehicle(name, tuple(forwarded)), *events)
 
     def from_gcs(self, name: str, data: bytes, t_s: float) -> Outputs:
-        """Take bytes from a ground station: always forwarded; control in flight is a takeover.
+        """Take bytes from a ground station: it reads, and it takes over; control is a takeover.
 
-        A command for another vehicle is no takeover of this one: ground stations send everything
-        on all of their links.
+        Whatever else it sends would change what the flight was checked with, from before arming on:
+        it is not forwarded until a pilot has control. Positions of sticks are, for they are a
+        pilot's way out, but the flight is no test any more. A command for another vehicle is no
+        takeover of this one: ground stations send everything on all of their links.
         """
         supervised = self._supervised_vehicles[name]
         frames = supervised.from_gcs.feed(data)
-        if not frames:
-            return ()
-        out: list[Output] = [ToVehicle(name, tuple(frame.raw for frame in frames))]
-        system = supervised.vehicle.target.system
-        control = [frame for frame in frames if is_control(frame, system)]
-        if control and supervised.seen.may_be_armed(t_s) and not supervised.seen.taken_over:
-            supervised.seen.taken_over = True
-            text = f"the ground station took {name} over by {frame_name(control[0])}"
-            out += self._latch("takeover", name, text, t_s)
-        return tuple(out)
+        forwarded: list[bytes] = []
+        events: list[Output] = []
+        for frame in frames:
+            is_forwarded, more = self._admit(supervised, frame, t_s)
+            events += more
+            if is_forwarded:
+                forwarded.append(frame.raw)
+        return (*((ToVehicle(name, tuple(forwarded)),) if forwarded else ()), *events)
+
+    def _admit(
+        self, supervised: SupervisedVehicle, frame: Frame, t_s: float
+    ) -> tuple[bool, Outputs]:
+        """Return whether a ground station's frame is forwarded, and the guard's reaction to it."""
+        seen, system = supervised.seen, supervised.vehicle.target.system
+        if seen.taken_over or only_reads(frame):
+            return True, ()
+        by = f"the ground station {frame.system}/{frame.component}"
+        if is_control(frame, system):
+            if not seen.may_be_armed(t_s):
+                return True, ()
+            seen.taken_over = True
+            text = f"{by} took {supervised.name} over by {frame_name(frame)}"
+            return True, tuple(self._latch("takeover", supervised.name, text, t_s))
+        if is_stick_input(frame, system):
+            if not seen.may_be_armed(t_s):
+                return True, ()
+            text = (
+                f"{by} sends positions of sticks to {supervised.name} in flight "
+                f"({frame_name(frame)}): switch its joystick off for a test"
+            )
+            return True, tuple(self._report_once(supervised, "steered", text, t_s))
+        return False, self._drop(supervised, frame, t_s, f"{frame_name(frame)} from {by}")
 
     def position(self, sample: PoseSample) -> Outputs:
         """Take a vehicle's position, from the fastest available source."""
@@ -373,8 +403,13 @@ class GuardCore:
             self._event(t_s, "limited", supervised.name, f"{supervised.name}: {n}") for n in notes
         ]
 
-    def _drop(self, supervised: SupervisedVehicle, frame: Frame, t_s: float) -> Outputs:
-        key = (supervised.name, frame_name(frame))
+    def _drop(
+        self, supervised: SupervisedVehicle, frame: Frame, t_s: float, what: str = ""
+    ) -> Outputs:
+        """Count a frame that is not forwarded; report the first of its kind, of the first kinds."""
+        key = (supervised.name, what or frame_name(frame))
+        if key not in self.dropped and len(self.dropped) >= _MOST_DROPPED:
+            return ()
         self.dropped[key] = self.dropped.get(key, 0) + 1
         if self.dropped[key] > 1:
             return ()

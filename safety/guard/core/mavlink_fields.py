@@ -8,23 +8,30 @@ import math
 import struct
 from dataclasses import dataclass
 
-from vehicles.mavlink.framing import Frame
-from worlds.frames import Vec3
+from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.worlds.frames import Vec3
 
 HEARTBEAT = 0
 SET_MODE = 11
+PARAM_SET = 23
 LOCAL_POSITION_NED = 32
 COMMAND_INT = 75
 COMMAND_LONG = 76
+FILE_TRANSFER_PROTOCOL = 110
 EXTENDED_SYS_STATE = 245
 
+NAV_LOITER_UNLIM = 17
 NAV_RETURN_TO_LAUNCH = 20
 NAV_LAND = 21
 NAV_TAKEOFF = 22
+DO_ORBIT = 34
 DO_SET_MODE = 176
 DO_FLIGHTTERMINATION = 185
 DO_REPOSITION = 192
 DO_PAUSE_CONTINUE = 193
+DO_PARACHUTE = 208
+OVERRIDE_GOTO = 252
+DO_SET_STANDARD_MODE = 262
 MISSION_START = 300
 COMPONENT_ARM_DISARM = 400
 
@@ -106,6 +113,17 @@ def read_command(frame: Frame) -> Command:
     param1, param2, number, system = _command.unpack(_payload(frame, 31))
     # round() of NaN raises; in commands NaN means that no value is given.
     return Command(number, param1, 0.0 if not math.isfinite(param2) else param2, system)
+
+
+def read_parameter(frame: Frame) -> str:
+    """Return the parameter's name in a PARAM_SET; what is no letter of it is a question mark."""
+    name = _payload(frame, 22)[6:].split(b"\0")[0].decode("ascii", "replace")
+    return "".join(one if one.isprintable() and one.isascii() else "?" for one in name)
+
+
+def read_file_operation(frame: Frame) -> int:
+    """Return the opcode of a FILE_TRANSFER_PROTOCOL."""
+    return _payload(frame, 7)[6]
 
 
 def read_target(frame: Frame, at: int) -> int:

@@ -7,16 +7,16 @@ can be limited. Layout: message definitions of MAVLink common, in the order of t
 import math
 import struct
 
-from vehicles.autopilots.autopilot import (
+from wil_campaign.vehicles.autopilots.autopilot import (
     IGNORE_ACCELERATION,
     IGNORE_POSITION,
     IGNORE_VELOCITY,
     IGNORE_YAW,
     IGNORE_YAW_RATE,
 )
-from vehicles.mavlink.framing import Frame, with_payload
-from vehicles.poses.anchor import Anchor
-from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
+from wil_campaign.vehicles.mavlink.framing import Frame, with_payload
+from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
 
 LOCAL_NED = 84
 SETPOINTS = frozenset({82, LOCAL_NED, 86})

@@ -10,11 +10,11 @@ PSC_POSXY_P 1).
 import math
 from dataclasses import dataclass
 
-from safety.fence.geofence import Fence
-from safety.fence.stopping import Motion
-from safety.guard.core.setpoint_limits import SetpointLimits
-from vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
-from worlds.frames import Vec3, add, norm, scale, subtract
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.fence.stopping import Motion
+from wil_campaign.safety.guard.core.setpoint_limits import SetpointLimits
+from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
+from wil_campaign.worlds.frames import Vec3, add, norm, scale, subtract
 
 _CARROT_S = 1.0
 _LONGEST_STEP_S = 0.5

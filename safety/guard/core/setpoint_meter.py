@@ -3,14 +3,14 @@
 import math
 from dataclasses import dataclass
 
-from safety.fence.geofence import Fence
-from safety.fence.stopping import Motion
-from safety.guard.core.setpoint_frames import rewritten
-from safety.guard.core.setpoint_limiter import LimitReport, SetpointLimiter
-from vehicles.mavlink.framing import Frame
-from vehicles.mavlink.names import message_name
-from vehicles.poses.anchor import Anchor
-from vehicles.setpoints import Setpoint
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.fence.stopping import Motion
+from wil_campaign.safety.guard.core.setpoint_frames import rewritten
+from wil_campaign.safety.guard.core.setpoint_limiter import LimitReport, SetpointLimiter
+from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.mavlink.names import message_name
+from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.vehicles.setpoints import Setpoint
 
 _LAPSE_S = 1.0
 """A limit without effect for this time is reported as ended."""

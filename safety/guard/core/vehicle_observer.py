@@ -4,11 +4,11 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from safety.fence.stopping import AccelerationEstimate, Motion
-from safety.guard.core.contingency import Facts
-from safety.guard.core.events import GuardedVehicle, GuardSettings
-from safety.guard.core.frozen_source import FrozenSource
-from safety.guard.core.mavlink_fields import (
+from wil_campaign.safety.fence.stopping import AccelerationEstimate, Motion
+from wil_campaign.safety.guard.core.contingency import Facts
+from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
+from wil_campaign.safety.guard.core.frozen_source import FrozenSource
+from wil_campaign.safety.guard.core.mavlink_fields import (
     EXTENDED_SYS_STATE,
     HEARTBEAT,
     LOCAL_POSITION_NED,
@@ -18,12 +18,12 @@ from safety.guard.core.mavlink_fields import (
     read_landed,
     read_local_position,
 )
-from safety.guard.core.velocity_command import VelocityCommand
-from vehicles.autopilots.autopilot import Mode
-from vehicles.mavlink.framing import Frame
-from vehicles.poses.anchor import Anchor
-from vehicles.setpoints import Setpoint
-from worlds.frames import Vec3, norm
+from wil_campaign.safety.guard.core.velocity_command import VelocityCommand
+from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.vehicles.setpoints import Setpoint
+from wil_campaign.worlds.frames import Vec3, norm
 
 _LAND_AFTERWARDS = frozenset({Mode.LAND, Mode.RTL, Mode.MISSION})
 """Modes from which an autopilot lands by itself."""
@@ -34,6 +34,33 @@ that reports disarmed may be a replay, or of another vehicle with the same syste
 flight."""
 _REPORTED_S = 0.3
 """After how long without a position from the orchestrator the vehicle's own estimate counts."""
+_RISEN_M = 0.5
+"""A vehicle that is so much above where it stood has left the ground, whatever its height errs by;
+below, no floor of a fence is needed: the ground is there."""
+
+
+class _Ground:
+    """The height at which a vehicle last stood, and whether it has risen from there since."""
+
+    def __init__(self) -> None:
+        self._up_m: float | None = None
+        self._left = False
+
+    @property
+    def not_left(self) -> bool:
+        """Return whether the vehicle has not left the ground since it last reported to stand."""
+        return self._up_m is not None and not self._left
+
+    def note(self, up_m: float, *, landed: bool) -> None:
+        """Record a height of the vehicle. landed: whether it reports that it stands."""
+        if landed:
+            self._up_m, self._left = up_m, False
+        elif self._up_m is not None and up_m - self._up_m > _RISEN_M:
+            self._left = True
+
+    def is_low(self, up_m: float) -> bool:
+        """Return whether a height is one at which the vehicle may stand."""
+        return self._up_m is not None and abs(up_m - self._up_m) <= _RISEN_M
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +101,15 @@ class ObservedVehicle:
         self._commanded = VelocityCommand()
         self._reported_s: float | None = None
         self._source = FrozenSource(same_s=_REPORTED_S)
+        self._ground = _Ground()
+
+    @property
+    def on_ground(self) -> bool:
+        """Return whether the vehicle stands: by its report, or since that it has not risen.
+
+        An autopilot reports a takeoff when it begins it, seconds before it leaves the ground.
+        """
+        return self.landed is True or self._ground.not_left
 
     def may_be_armed(self, t_s: float) -> bool:
         """Return whether the vehicle is armed, or was just commanded to arm.
@@ -132,7 +168,12 @@ class ObservedVehicle:
             return "a position is not finite"
         if reported:
             self._reported_s = t_s
-            self._source.note_position(position_ned_m, t_s, on_ground=self.landed is True)
+            self._source.note_position(
+                position_ned_m,
+                t_s,
+                on_ground=self.landed is True,
+                low=self._ground.is_low(-position_ned_m[2]),
+            )
             if self._source.is_frozen(t_s):
                 return (
                     "its pose source repeats one position while its own estimate moves: the guard "
@@ -148,6 +189,7 @@ class ObservedVehicle:
         commanded = self._commanded.velocity(t_s) if guided else None
         self._motion = Motion(position_ned_m, velocity_ned_m_s, acceleration, commanded)
         self._store_sample(position_ned_m, velocity_ned_m_s, t_s)
+        self._ground.note(-position_ned_m[2], landed=self.landed is True)
 
     def motion(self, t_s: float) -> Motion | None:
         """Return the vehicle's observed motion in the world, if within the last second."""

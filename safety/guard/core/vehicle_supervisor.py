@@ -1,17 +1,21 @@
 """One vehicle that the guard supervises: its state, fence, contingency and setpoint limits."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from safety.fence.geofence import Breach, Fence
-from safety.guard.core.contingency import Action, Contingency, ContingencyPlan, Phase
-from safety.guard.core.events import GuardedVehicle, GuardSettings
-from safety.guard.core.setpoint_frames import read_setpoint
-from safety.guard.core.setpoint_limiter import SetpointLimiter
-from safety.guard.core.setpoint_meter import SetpointMeter
-from safety.guard.core.vehicle_observer import ObservedVehicle
-from vehicles.autopilots.autopilot import Mode
-from vehicles.mavlink.codec import Codec
-from vehicles.mavlink.framing import Frame, FrameSplitter
+from wil_campaign.safety.fence.geofence import Breach, Fence
+from wil_campaign.safety.guard.core.contingency import Action, Contingency, ContingencyPlan, Phase
+from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
+from wil_campaign.safety.guard.core.setpoint_frames import read_setpoint
+from wil_campaign.safety.guard.core.setpoint_limiter import SetpointLimiter
+from wil_campaign.safety.guard.core.setpoint_meter import SetpointMeter
+from wil_campaign.safety.guard.core.vehicle_observer import ObservedVehicle
+from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.autopilots.registry import flies
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter
+from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind, heartbeat_kind
+from wil_campaign.vehicles.mavlink.vehicle_frames import VehicleFrames
 
 _LATER, _GENTLER = 2.0, 0.4
 """A vehicle follows its setpoints late by about the latency: limited with the same braking as the
@@ -36,6 +40,7 @@ class SupervisedVehicle:
         self.meter = _meter(vehicle, settings)
         self._settings = settings
         self.from_vehicle = FrameSplitter()
+        self._own = VehicleFrames()
         self.from_orchestrator = FrameSplitter()
         self.from_gcs = FrameSplitter()
         self.lost = False
@@ -48,6 +53,25 @@ class SupervisedVehicle:
     def is_out_of_reach(self) -> bool:
         """Return whether the vehicle can no longer be reached: its landing is not waited for."""
         return self.gone or (self.lost and self.vehicle.abandoned_when_lost)
+
+    def own_frames(self, frames: Iterable[Frame], t_s: float) -> Iterator[Frame]:
+        """Yield the vehicle's own frames among those from its link, in order.
+
+        Those of other ids are not, nor heartbeats of another kind of sender with its ids, nor
+        frames of a second vehicle with its ids, whose sequence numbers are others. The driver
+        names them.
+        """
+        target = self.vehicle.target
+        for frame in frames:
+            if frame.system != target.system or frame.component != target.component:
+                continue
+            kind = heartbeat_kind(frame)
+            if kind is None or self._is_of_vehicle(kind):
+                own, _ = self._own.split(frame, t_s)
+                yield from own
+
+    def _is_of_vehicle(self, kind: HeartbeatKind) -> bool:
+        return flies(*kind) and kind.autopilot == self.vehicle.autopilot.mav_autopilot
 
     @property
     def commanded(self) -> frozenset[Mode] | None:
@@ -62,7 +86,7 @@ class SupervisedVehicle:
     def fence(self) -> Fence | None:
         """Return the fence that applies now: without floor for takeoff, landing, on the ground."""
         seen = self.seen
-        low = seen.landed is True or seen.mode is Mode.LAND or seen.mode is Mode.RTL
+        low = seen.on_ground or seen.mode is Mode.LAND or seen.mode is Mode.RTL
         return self._low_fence if low else self.vehicle.fence
 
     def breach(self, t_s: float) -> Breach | None:

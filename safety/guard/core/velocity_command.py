@@ -2,9 +2,9 @@
 
 import math
 
-from safety.fence.stopping import Motion
-from vehicles.setpoints import Setpoint, VelocitySetpoint
-from worlds.frames import Vec3, lerp
+from wil_campaign.safety.fence.stopping import Motion
+from wil_campaign.vehicles.setpoints import Setpoint, VelocitySetpoint
+from wil_campaign.worlds.frames import Vec3, lerp
 
 _FOLLOWS_S = 0.2
 """Vehicles follow a changed velocity setpoint within some tenths of a second (63 % in 0.2 to 0.5 s,

@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.local_guard import LocalGuard
-from safety.guard.operator.operator_lines import RefusedLineError
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.local_guard import LocalGuard
+from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
 
 
 class OperatorOrders:

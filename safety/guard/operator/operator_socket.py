@@ -14,16 +14,16 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.operator.operator_lines import (
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.operator.operator_lines import (
     LONGEST_LINE_BYTES,
     Query,
     RefusedLineError,
     answer,
     parse_line,
 )
-from safety.guard.operator.rate_limit import RateLimit
-from vehicles.processes.linux import UnsupportedSystemError, peer_uid
+from wil_campaign.safety.guard.operator.rate_limit import RateLimit
+from wil_campaign.vehicles.processes.linux import UnsupportedSystemError, peer_uid
 
 POINTER = "operator.json"
 """The file in a results folder with the socket's path; the folder's own may be too long for one."""

@@ -1,8 +1,8 @@
-"""`python -m safety.guard.process CHANNEL LIFELINE HOLD [scaled]`: a guard's process."""
+"""A guard: `python -m wil_campaign.safety.guard.process CHANNEL LIFELINE HOLD [scaled]`."""
 
 import sys
 
-from safety.guard.process.guard_process import main
+from wil_campaign.safety.guard.process.guard_process import main
 
 if __name__ == "__main__":
     sys.exit(main(sys.argv[1:]))

@@ -9,17 +9,17 @@ import struct
 import time
 from collections.abc import Callable, Mapping
 
-from safety.guard.process.run_clock import PacedClock, PaceSetup, RunClock, Trouble
-from vehicles.clocks.pace_trim import PaceTrim
-from vehicles.clocks.sim_clock_controller import (
+from wil_campaign.safety.guard.process.run_clock import PacedClock, PaceSetup, RunClock, Trouble
+from wil_campaign.vehicles.clocks.pace_trim import PaceTrim
+from wil_campaign.vehicles.clocks.sim_clock_controller import (
     BootTrack,
     ClockDivergence,
     Segment,
     SimClockController,
 )
-from vehicles.links.link import Link
-from vehicles.links.tapped import TappedLink
-from vehicles.mavlink.framing import Frame, FrameSplitter
+from wil_campaign.vehicles.links.link import Link
+from wil_campaign.vehicles.links.tapped import TappedLink
+from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter
 
 _BOOT_MS_AT = {2: 8, 30: 0, 32: 0, 33: 0}
 """Where time_boot_ms is in SYSTEM_TIME, ATTITUDE, LOCAL_POSITION_NED and GLOBAL_POSITION_INT."""

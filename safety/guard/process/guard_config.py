@@ -5,15 +5,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import cast
 
-from safety.fence.fence_values import fence_of_plain, plain_fence
-from safety.fence.geofence import Fence
-from safety.guard.core.contingency import ContingencyPlan
-from safety.guard.core.events import GuardedVehicle, GuardSettings
-from safety.guard.process.run_clock import PaceSetup
-from vehicles.autopilots.autopilot import Autopilot, AutopilotName
-from vehicles.autopilots.registry import autopilot_named
-from vehicles.links.link_conditions import LinkConditions
-from vehicles.processes.codec import Codec, MessageError
+from wil_campaign.safety.fence.fence_values import fence_of_plain, plain_fence
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.contingency import ContingencyPlan
+from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
+from wil_campaign.safety.guard.process.run_clock import PaceSetup
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, AutopilotName
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.links.link_conditions import LinkConditions
+from wil_campaign.vehicles.processes.codec import Codec, MessageError
 
 
 class GuardConfigError(ValueError):
@@ -43,18 +43,19 @@ class Guarded:
 class GuardConfig:
     """The complete config of a guard process.
 
-    folder: of the run, where it writes its log and each vehicle's .tlog; run: what people
-    call the run. epoch_s: UTC at which the run clock was zero. token: what an operator's socket
-    command has to bring; empty for none (the socket is its owner's alone). patience_s: how long
-    after the orchestrator's end vehicles that can break nothing are given to come down, and how
-    long an orchestrator that says nothing is waited for once nothing flies. pace: of the scaled
-    clock; None for the wall clock.
+    folder: of the run, where it writes its log and each vehicle's .tlog; run: what people call the
+    run. campaign: the folder of the campaign; empty for a run of none. epoch_s: UTC at which the
+    run clock was zero. token: what an operator's socket command has to bring; empty for none (the
+    socket is its owner's alone). patience_s: how long after the orchestrator's end vehicles that
+    can break nothing are given to come down, and how long an orchestrator that says nothing is
+    waited for once nothing flies. pace: of the scaled clock; None for the wall clock.
     """
 
     run: str
     folder: str
     epoch_s: float
     vehicles: Mapping[str, Guarded]
+    campaign: str = ""
     settings: GuardSettings = field(default_factory=GuardSettings)
     plan: ContingencyPlan = field(default_factory=ContingencyPlan)
     token: str = ""

@@ -3,16 +3,20 @@
 import os
 import socket
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import IO
 
-from safety.guard.process.channel import channel_pair
-from safety.guard.process.guard_stderr import open_stderr
-from vehicles.links.link import LinkError
-from vehicles.processes.child import ChildProcess
+from wil_campaign.safety.guard.process.channel import channel_pair
+from wil_campaign.safety.guard.process.guard_stderr import open_stderr
+from wil_campaign.vehicles.links.link import LinkError
+from wil_campaign.vehicles.processes.child import ChildProcess
+from wil_campaign.vehicles.processes.vehicle_server_process import vehicle_server
 
 SCALED = "scaled"
-"""The fourth argument of a guard whose clock may be led."""
+"""A further argument of a guard whose clock may be led."""
+SERVER = "server="
+"""Begins a further argument, the descriptor at which the guard asks for processes of vehicles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,18 +32,25 @@ class LaunchedGuard:
     stderr: IO[bytes]
 
 
-def spawn_guard(folder: str, *, scaled: bool) -> LaunchedGuard:
-    """Launch the guard process in its own session. Raises LinkError when it fails."""
+def spawn_guard(folder: str, *, scaled: bool, passed: Sequence[int] = ()) -> LaunchedGuard:
+    """Launch the guard process in its own session. Raises LinkError when it fails.
+
+    passed: descriptors that it inherits for the vehicles that it will start.
+    """
     ours, theirs = channel_pair()
     lifeline, hold = os.pipe()
     try:
         stderr = open_stderr(folder)
         descriptors = (theirs.fileno(), lifeline, hold)
         words = [*map(str, descriptors), *([SCALED] if scaled else [])]
+        if (server := vehicle_server()) is not None:
+            words.append(f"{SERVER}{server}")
+            passed = (*passed, server)
         process = ChildProcess(
-            argv=(sys.executable, "-P", "-m", "safety.guard.process", *words),
+            argv=(sys.executable, "-P", "-m", "wil_campaign.safety.guard.process", *words),
+            environment=dict(os.environ),  # what its vehicles are to have, and no more
             output=stderr.fileno(),
-            inherited=descriptors,
+            inherited=(*descriptors, *passed),
         )
         process.start()
     except OSError as error:

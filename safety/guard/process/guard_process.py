@@ -1,9 +1,11 @@
 """The guard in a process and session of its own, under the wall clock: started first, ended last.
 
-`python -m safety.guard.process CHANNEL LIFELINE HOLD` with three inherited file descriptors: its
-end of the packet socket, the end of a pipe that becomes its children's stdin, and the pipe's other
-end, which it only keeps open: the children's stdin ends when guard and orchestrator are both gone.
-A fourth argument, `scaled`, lets its clock follow that of a simulated vehicle.
+`python -m wil_campaign.safety.guard.process CHANNEL LIFELINE HOLD` with three inherited file
+descriptors: its end of the packet socket, the end of a pipe that becomes its children's stdin, and
+the pipe's other end, which it only keeps open: the children's stdin ends when guard and
+orchestrator are both gone.
+A further argument, `scaled`, lets its clock follow that of a simulated vehicle; `server=END` is a
+descriptor of the fork server that starts embedded vehicles.
 """
 
 import asyncio
@@ -21,18 +23,18 @@ from pathlib import Path
 from traceback import format_exception
 from typing import Any
 
-from safety.guard.core.events import EventKind, GuardEvent, unrecorded
-from safety.guard.local_guard import GuardLinks, LocalGuard
-from safety.guard.operator.operator_requests import OperatorOrders
-from safety.guard.operator.operator_socket import POINTER, OperatorSocket
-from safety.guard.process.channel import Channel
-from safety.guard.process.channel_link import ChannelLink
-from safety.guard.process.guard_config import GuardConfig, GuardConfigError
-from safety.guard.process.guard_launch import SCALED
-from safety.guard.process.guard_log import GuardLog, guard_file
-from safety.guard.process.guard_stderr import logging_in_thread
-from safety.guard.process.lockstep_clock import ORCHESTRATOR
-from safety.guard.process.messages import (
+from wil_campaign.safety.guard.core.events import EventKind, GuardEvent, unrecorded
+from wil_campaign.safety.guard.local_guard import GuardLinks, LocalGuard
+from wil_campaign.safety.guard.operator.operator_requests import OperatorOrders
+from wil_campaign.safety.guard.operator.operator_socket import POINTER, OperatorSocket
+from wil_campaign.safety.guard.process.channel import Channel
+from wil_campaign.safety.guard.process.channel_link import ChannelLink
+from wil_campaign.safety.guard.process.guard_config import GuardConfig, GuardConfigError
+from wil_campaign.safety.guard.process.guard_launch import SCALED, SERVER
+from wil_campaign.safety.guard.process.guard_log import GuardLog, guard_file
+from wil_campaign.safety.guard.process.guard_stderr import logging_in_thread
+from wil_campaign.safety.guard.process.lockstep_clock import ORCHESTRATOR
+from wil_campaign.safety.guard.process.messages import (
     Alive,
     AnchorAt,
     BringDown,
@@ -56,31 +58,37 @@ from safety.guard.process.messages import (
     ToGuard,
     to_guard,
 )
-from safety.guard.process.orphaned_processes import (
+from wil_campaign.safety.guard.process.orphaned_processes import (
     GuardRecord,
     reap_orphans,
     remove_record,
     write_record,
 )
-from safety.guard.process.process_links import (
+from wil_campaign.safety.guard.process.process_links import (
     guard_links,
     open_ports,
     vehicle_link,
 )
-from safety.guard.process.run_clock import RunClock, Trouble
-from safety.guard.process.run_clock_factory import run_clock_of
-from safety.guard.process.runtime_folder import open_runtime_folder, runtime_folders, sweep
-from vehicles.clocks.paced_loop import PacedLoop, call_wall_later
-from vehicles.clocks.quick_loop import quick_loop
-from vehicles.errors import VehicleError
-from vehicles.links.link import Link
-from vehicles.mavlink.tlog import TlogWriter
-from vehicles.poses.anchor import Anchor
-from vehicles.processes.child import ChildProcess, how_it_ended
-from vehicles.processes.clock_socket import clock_environment
-from vehicles.processes.identity import ProcessId
-from vehicles.processes.linux import rise_above_load, stay_in_memory
-from vehicles.tasks import FAULTS, TaskAccount, start
+from wil_campaign.safety.guard.process.run_clock import RunClock, Trouble
+from wil_campaign.safety.guard.process.run_clock_factory import run_clock_of
+from wil_campaign.safety.guard.process.runtime_folder import (
+    open_runtime_folder,
+    runtime_folders,
+    sweep,
+)
+from wil_campaign.vehicles.clocks.paced_loop import PacedLoop, call_wall_later
+from wil_campaign.vehicles.clocks.quick_loop import quick_loop
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.links.link import Link
+from wil_campaign.vehicles.mavlink.tlog import TlogWriter
+from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.vehicles.processes.child import ChildProcess, how_it_ended
+from wil_campaign.vehicles.processes.clock_socket import clock_environment
+from wil_campaign.vehicles.processes.fork_server import ForkServer
+from wil_campaign.vehicles.processes.identity import ProcessId
+from wil_campaign.vehicles.processes.linux import rise_above_load, stay_in_memory
+from wil_campaign.vehicles.processes.vehicle_server_process import vehicle_program
+from wil_campaign.vehicles.tasks import FAULTS, TaskAccount, start
 
 _log = logging.getLogger(__name__)
 
@@ -102,7 +110,9 @@ class GuardProcess:
         lifeline: int,
         scheduling: str = "normal",
         in_memory: bool = False,
+        server: ForkServer | None = None,
     ) -> None:
+        self._server = server
         self._scheduling = scheduling
         self._in_memory = in_memory
         self._channel = Channel(
@@ -254,6 +264,7 @@ class GuardProcess:
         self._record = GuardRecord(
             run=self._guard_config.run,
             folder=self._guard_config.folder,
+            campaign=self._guard_config.campaign,
             socket=str(path),
             guard=me,
             owner=ProcessId.of(os.getppid()),
@@ -349,16 +360,19 @@ class GuardProcess:
             argv=start.argv,
             stdin=self._lifeline,
             environment={**os.environ, **start.environment, **clock_environment(clock)},
-            inherited=() if clock is None else (clock.fileno(),),
+            inherited=(*start.inherited, *(() if clock is None else (clock.fileno(),))),
         )
         try:
-            child.start(lambda one: self._child_ended(start.vehicle, one))
+            await child.start_by(self._server, lambda one: self._child_ended(start.vehicle, one))
         except OSError as error:
             self._channel.send(Ended(start.vehicle, None, str(error)))
             return
         finally:
             if clock is not None:
                 clock.close()
+            for descriptor in start.inherited:
+                with contextlib.suppress(OSError):
+                    os.close(descriptor)
         self._children[start.vehicle] = child
         pid = child.pid or 0
         if child.identity is not None:
@@ -491,6 +505,18 @@ def main(arguments: list[str]) -> int:
     factory = PacedLoop if SCALED in arguments[3:] else quick_loop
     with logging_in_thread(), asyncio.Runner(loop_factory=factory) as runner:
         guard = GuardProcess(
-            end=end, lifeline=lifeline, scheduling=rise_above_load(), in_memory=stay_in_memory()
+            end=end,
+            lifeline=lifeline,
+            scheduling=rise_above_load(),
+            in_memory=stay_in_memory(),
+            server=_server(arguments[3:]),
         )
         return runner.run(guard.run())
+
+
+def _server(words: list[str]) -> ForkServer | None:
+    """Return the fork server of vehicles that a guard's further arguments name; None without."""
+    for word in words:
+        if word.startswith(SERVER):
+            return ForkServer(int(word.removeprefix(SERVER)), vehicle_program())
+    return None

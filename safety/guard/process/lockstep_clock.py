@@ -9,11 +9,11 @@ rest; once the guard has taken over, time waits for an orchestrator no longer th
 import time
 from collections.abc import Callable
 
-from safety.guard.process.run_clock import PaceSetup, RunClock, Trouble
-from vehicles.clocks.lockstep import Lockstep
-from vehicles.clocks.paced_loop import PacedLoop
-from vehicles.clocks.progress import ProgressReporter
-from vehicles.clocks.sim_clock_controller import STALL_S, Segment
+from wil_campaign.safety.guard.process.run_clock import PaceSetup, RunClock, Trouble
+from wil_campaign.vehicles.clocks.lockstep import Lockstep
+from wil_campaign.vehicles.clocks.paced_loop import PacedLoop
+from wil_campaign.vehicles.clocks.progress import ProgressReporter
+from wil_campaign.vehicles.clocks.sim_clock_controller import STALL_S, Segment
 
 ORCHESTRATOR = "orchestrator"
 HURRY_S = 0.5

@@ -9,12 +9,12 @@ from typing import Annotated
 
 import msgspec
 
-from safety.fence.fence_values import fence_of_plain, plain_fence
-from safety.fence.geofence import Fence
-from safety.guard.core.contingency import Phase
-from safety.guard.core.events import Cause, GuardEvent
-from safety.guard.core.operator_command import OperatorCommand
-from vehicles.processes.codec import Codec, Finite, Message, Plain
+from wil_campaign.safety.fence.fence_values import fence_of_plain, plain_fence
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.contingency import Phase
+from wil_campaign.safety.guard.core.events import Cause, GuardEvent
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.vehicles.processes.codec import Codec, Finite, Message, Plain
 
 FiniteVec3 = tuple[Finite, Finite, Finite]
 
@@ -26,11 +26,15 @@ class ConfigMessage(Message, frozen=True):
 
 
 class Start(Message, frozen=True):
-    """Message to the guard: start a vehicle's process as a child."""
+    """Message to the guard: start a vehicle's process as a child.
+
+    inherited: descriptors that the guard has inherited for it; it closes its own.
+    """
 
     vehicle: str
     argv: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
     environment: dict[str, str]
+    inherited: tuple[int, ...] = ()
 
 
 class Bytes(Message, frozen=True):

@@ -8,14 +8,16 @@ from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack
 from typing import Self
 
-from safety.guard.core.mavlink_fields import HEARTBEAT, read_heartbeat
-from safety.guard.process.guard_config import Guarded
-from vehicles.autopilots.autopilot import Target
-from vehicles.links.link import Link, LinkError
-from vehicles.links.link_factory import open_link
-from vehicles.links.link_strings import LinkAddress, parse_link
-from vehicles.links.udp import UdpLink
-from vehicles.mavlink.framing import FrameSplitter
+from wil_campaign.safety.guard.core.mavlink_fields import read_heartbeat
+from wil_campaign.safety.guard.process.guard_config import Guarded
+from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.registry import flies
+from wil_campaign.vehicles.links.link import Link, LinkError
+from wil_campaign.vehicles.links.link_factory import open_link
+from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
+from wil_campaign.vehicles.links.udp import UdpLink
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter
+from wil_campaign.vehicles.mavlink.heartbeats import heartbeat_kind
 
 Received = Callable[[str, bytes, float], None]
 _RETRY_S = 0.2
@@ -73,7 +75,8 @@ class OrphanedLinks:
         target = self._targets[name]
         for frame in self._splitters[name].feed(data):
             ours = frame.system == target.system and frame.component == target.component
-            if ours and frame.message_id == HEARTBEAT:
+            kind = heartbeat_kind(frame) if ours else None
+            if kind is not None and flies(*kind):
                 self.armed[name] = read_heartbeat(frame).armed
         self._received(name, data, t_s)
 

@@ -11,14 +11,15 @@ from pathlib import Path
 
 import msgspec
 
-from vehicles.processes.identity import ProcessId
+from wil_campaign.vehicles.processes.identity import ProcessId
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardRecord:
     """The record of one guard, to find orphans. run, folder: guarded. socket: operator's.
 
-    owner: the orchestrator's process. children: of the vehicles. since_s: CLOCK_BOOTTIME.
+    campaign: the folder of the run's campaign, on the machine that flies it; empty for none. owner:
+    the orchestrator's process. children: of the vehicles. since_s: CLOCK_BOOTTIME.
     """
 
     run: str
@@ -28,6 +29,7 @@ class GuardRecord:
     owner: ProcessId | None
     since_s: float
     children: tuple[ProcessId, ...] = ()
+    campaign: str = ""
 
     def with_child(self, child: ProcessId) -> "GuardRecord":
         """Return the guard's record with one more child process."""

@@ -4,14 +4,14 @@ import time
 from collections.abc import Callable, Mapping
 from functools import partial
 
-from safety.guard.core.events import EventKind
-from safety.guard.local_guard import GuardLinks
-from safety.guard.process.guard_config import Guarded
-from vehicles.links.link import Link
-from vehicles.links.link_conditions import under_conditions
-from vehicles.links.link_factory import open_link
-from vehicles.links.link_strings import LinkAddress, parse_link
-from vehicles.links.udp import UdpLink
+from wil_campaign.safety.guard.core.events import EventKind
+from wil_campaign.safety.guard.local_guard import GuardLinks
+from wil_campaign.safety.guard.process.guard_config import Guarded
+from wil_campaign.vehicles.links.link import Link
+from wil_campaign.vehicles.links.link_conditions import under_conditions
+from wil_campaign.vehicles.links.link_factory import open_link
+from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
+from wil_campaign.vehicles.links.udp import UdpLink
 
 
 def vehicle_link(guarded: Guarded) -> Link:

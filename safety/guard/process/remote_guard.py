@@ -3,22 +3,23 @@
 import asyncio
 import math
 import os
+import socket
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Self
 
-from safety.fence.geofence import Fence
-from safety.fence.stopping import AccelerationEstimate, Motion
-from safety.guard.core.contingency import Phase
-from safety.guard.core.events import GuardEvent, is_about_fences
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.local_guard import Record
-from safety.guard.process.channel import Channel
-from safety.guard.process.channel_link import ChannelLink
-from safety.guard.process.guard_config import GuardConfig
-from safety.guard.process.guard_launch import spawn_guard
-from safety.guard.process.guard_stderr import guard_stderr_tail, remove_if_empty
-from safety.guard.process.messages import (
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.fence.stopping import AccelerationEstimate, Motion
+from wil_campaign.safety.guard.core.contingency import Phase
+from wil_campaign.safety.guard.core.events import GuardEvent, is_about_fences
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.local_guard import Record
+from wil_campaign.safety.guard.process.channel import Channel
+from wil_campaign.safety.guard.process.channel_link import ChannelLink
+from wil_campaign.safety.guard.process.guard_config import GuardConfig
+from wil_campaign.safety.guard.process.guard_launch import LaunchedGuard, spawn_guard
+from wil_campaign.safety.guard.process.guard_stderr import guard_stderr_tail, remove_if_empty
+from wil_campaign.safety.guard.process.messages import (
     Alive,
     AnchorAt,
     BringDown,
@@ -44,15 +45,16 @@ from safety.guard.process.messages import (
     Unread,
     to_orchestrator,
 )
-from safety.guard.process.orphaned_links import OrphanedLinks, link_maker
-from safety.guard.process.remote_clock import RemoteClock
-from safety.guard.waits import happens
-from safety.model.samples import PoseSample
-from vehicles.clocks.paced_loop import call_wall_later
-from vehicles.links.link import Link, LinkError
-from vehicles.poses.anchor import Anchor
-from vehicles.processes.identity import ProcessId
-from vehicles.tasks import Contained, report, start, stop
+from wil_campaign.safety.guard.process.orphaned_links import OrphanedLinks, link_maker
+from wil_campaign.safety.guard.process.remote_clock import RemoteClock
+from wil_campaign.safety.guard.waits import happens
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.clocks.paced_loop import call_wall_later
+from wil_campaign.vehicles.links.link import Link, LinkError
+from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.vehicles.processes.feed_socket import feed_environment, feed_pair
+from wil_campaign.vehicles.processes.identity import ProcessId
+from wil_campaign.vehicles.tasks import Contained, report, start, stop
 
 ALIVE_S = 0.1
 _OPEN_S = 20.0
@@ -74,13 +76,22 @@ class RemoteGuard:
     """The guard in its own process: starts it, talks to it; an async context manager.
 
     record: gets the commands that went to a vehicle, with the time of the wire; all frames are in
-    the .tlog files, which the guard itself writes. Leaving ends vehicles and guard: land before
+    the .tlog files, which the guard itself writes. fed: vehicles whose process will inherit a
+    socket to this one, see `feed`. Leaving ends vehicles and guard: land before
     that. A guard that dies is reported as an event of kind `guard`; `all_down` then waits for the
     autopilots' own failsafes.
     """
 
-    def __init__(self, *, guard_config: GuardConfig, record: Record | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        guard_config: GuardConfig,
+        record: Record | None = None,
+        fed: Collection[str] = (),
+    ) -> None:
         self._guard_config = guard_config
+        self._fed = tuple(fed)
+        self._feeds: dict[str, tuple[socket.socket, int]] = {}
         self._record = record
         self._names = tuple(guard_config.vehicles)
         self._links = {
@@ -138,11 +149,15 @@ class RemoteGuard:
         """Return the remote guard's UDP port for a vehicle; 0 for a link without one."""
         return self._ports[name]
 
+    def feed(self, name: str) -> socket.socket:
+        """Return our end of a vehicle's feed; it is closed with the guard."""
+        return self._feeds[name][0]
+
     async def __aenter__(self) -> Self:
         """Start the guard process and wait until its links are open. Raises LinkError."""
         opened: asyncio.Future[ToOrchestrator] = asyncio.get_running_loop().create_future()
         self._waiting[""] = opened
-        spawned = spawn_guard(self._guard_config.folder, scaled=self._guard_config.pace is not None)
+        spawned = self._spawn()
         self._process, self._hold, self._stderr = spawned.process, spawned.hold, spawned.stderr
         self._channel = Channel(
             spawned.end, receives=to_orchestrator, take=self._take, closed=self._on_guard_lost
@@ -249,6 +264,27 @@ class RemoteGuard:
         """Wait until the remote guard sees nothing armed; False after `timeout_s`."""
         return await happens(self._rest, timeout_s)
 
+    def _spawn(self) -> LaunchedGuard:
+        """Launch the guard process, with the far ends of the vehicles' feeds. Raises LinkError."""
+        pairs = {name: feed_pair() for name in self._fed}
+        self._feeds = {name: (ours, theirs.fileno()) for name, (ours, theirs) in pairs.items()}
+        try:
+            return spawn_guard(
+                self._guard_config.folder,
+                scaled=self._guard_config.pace is not None,
+                passed=[theirs.fileno() for _, theirs in pairs.values()],
+            )
+        except LinkError:
+            self._close_feeds()
+            raise
+        finally:
+            for _, theirs in pairs.values():
+                theirs.close()
+
+    def _close_feeds(self) -> None:
+        for ours, _ in self._feeds.values():
+            ours.close()
+
     async def start(
         self, name: str, argv: Sequence[str], environment: Mapping[str, str] | None = None
     ) -> int:
@@ -258,7 +294,9 @@ class RemoteGuard:
         """
         started: asyncio.Future[ToOrchestrator] = asyncio.get_running_loop().create_future()
         self._waiting[name] = started
-        self._channel.send(Start(name, tuple(argv), dict(environment or {})))
+        inherited = (self._feeds[name][1],) if name in self._feeds else ()
+        variables = {**(environment or {}), **(feed_environment(*inherited) if inherited else {})}
+        self._channel.send(Start(name, tuple(argv), variables, inherited))
         try:
             async with asyncio.timeout(_START_S):
                 answer = await started
@@ -438,6 +476,7 @@ class RemoteGuard:
             with Contained("the guard's last messages"):
                 self._channel.read_rest()
         self._clock.continue_alone()
+        self._close_feeds()
         self._channel.close()
         os.close(self._hold)
         self._stderr.close()

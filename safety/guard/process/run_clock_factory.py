@@ -5,16 +5,16 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
-from safety.guard.core.events import GuardedVehicle
-from safety.guard.process.channel import Channel
-from safety.guard.process.clock_follower import ClockFollower, PaceFrame
-from safety.guard.process.guard_config import GuardConfig
-from safety.guard.process.lockstep_clock import LockstepClock
-from safety.guard.process.messages import Pace
-from safety.guard.process.run_clock import RunClock, Trouble
-from vehicles.clocks.paced_loop import PacedLoop
-from vehicles.clocks.sim_clock_controller import Segment
-from vehicles.mavlink.codec import Codec
+from wil_campaign.safety.guard.core.events import GuardedVehicle
+from wil_campaign.safety.guard.process.channel import Channel
+from wil_campaign.safety.guard.process.clock_follower import ClockFollower, PaceFrame
+from wil_campaign.safety.guard.process.guard_config import GuardConfig
+from wil_campaign.safety.guard.process.lockstep_clock import LockstepClock
+from wil_campaign.safety.guard.process.messages import Pace
+from wil_campaign.safety.guard.process.run_clock import RunClock, Trouble
+from wil_campaign.vehicles.clocks.paced_loop import PacedLoop
+from wil_campaign.vehicles.clocks.sim_clock_controller import Segment
+from wil_campaign.vehicles.mavlink.codec import Codec
 
 
 def run_clock_of(

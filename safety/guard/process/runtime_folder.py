@@ -7,15 +7,19 @@ others may write to it) the next place is used and the reason reported. Readers 
 import contextlib
 import os
 import re
-import stat
 from dataclasses import dataclass
 from pathlib import Path
 
-from vehicles.processes.identity import ProcessId
+from wil_campaign.vehicles.processes.identity import ProcessId
+from wil_campaign.worlds.files.own_folders import fault_of_folder, home_folder
 
 _FOLDER = "wil-campaign"
-_LONGEST_BYTES = 107 - len("/campaign-4194304.sock")
-"""Of a folder whose sockets have paths that fit into sockaddr_un, unix(7)."""
+_LONGEST_BYTES = 107 - len("/pymp-abcdefgh/listener-abcdefgh")
+"""Of a folder whose sockets have paths that fit into sockaddr_un, unix(7).
+
+Those of `multiprocessing` are longest.
+"""
+_LONGEST_BASE_BYTES = _LONGEST_BYTES - len(f"/{_FOLDER}")
 _OF_PROCESS = re.compile(r"(?:campaign|guard|console)-([0-9]{1,10})(?:-[0-9]+)?\.(?:sock|part)")
 
 
@@ -43,7 +47,7 @@ def open_runtime_folder() -> RuntimeFolder:
             if passed_over:
                 folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             folder.mkdir(mode=0o700, exist_ok=True)
-            fault = _fault(folder)
+            fault = fault_of_folder(folder)
         except OSError as error:
             fault = f"cannot be made: {error.strerror or error}"
         if not fault:
@@ -51,18 +55,20 @@ def open_runtime_folder() -> RuntimeFolder:
         passed_over.append(f"{folder} {fault}")
     raise RuntimeFolderError(
         f"no safe folder for sockets: {'; '.join(passed_over)}; remove it or set "
-        "XDG_RUNTIME_DIR to a folder of your own"
+        f"XDG_RUNTIME_DIR to a folder of your own (at most {_LONGEST_BASE_BYTES} bytes)"
     )
 
 
 def runtime_folders() -> tuple[Path, ...]:
     """Return all safe places that are there: a flight may have begun in any of them."""
-    return tuple(folder for folder in _places() if _is_there(folder) and not _fault(folder))
+    return tuple(
+        folder for folder in _places() if _is_there(folder) and not fault_of_folder(folder)
+    )
 
 
 def unsafe_folders() -> tuple[str, ...]:
     """Return what is wrong with the places that are there and not safe, in words."""
-    found = ((folder, _fault(folder)) for folder in _places() if _is_there(folder))
+    found = ((folder, fault_of_folder(folder)) for folder in _places() if _is_there(folder))
     return tuple(f"{folder} {fault}" for folder, fault in found if fault)
 
 
@@ -75,14 +81,20 @@ def sweep(folder: Path) -> None:
                 path.unlink()
 
 
+def is_too_long(base: str) -> bool:
+    """Return whether XDG_RUNTIME_DIR is too long for the paths of our sockets."""
+    return len(os.fsencode(base)) > _LONGEST_BASE_BYTES
+
+
 def _places() -> tuple[Path, ...]:
     base = os.environ.get("XDG_RUNTIME_DIR", "")
     usual = Path(base) / _FOLDER
-    if not base or len(os.fsencode(usual)) > _LONGEST_BYTES:
-        usual = Path("/tmp") / f"{_FOLDER}-{os.getuid()}"  # noqa: S108 - checked by _fault
+    if not base or is_too_long(base):
+        usual = Path("/tmp") / f"{_FOLDER}-{os.getuid()}"  # noqa: S108 - checked by fault_of_folder
     # Its own folder: what else of ours is in the one above (parameter backups) others may read.
-    home = Path("~/.local/state").expanduser() / _FOLDER / "run"
-    return tuple(one for one in (usual, home) if len(os.fsencode(one)) <= _LONGEST_BYTES)
+    home = home_folder()
+    places = [usual] if home is None else [usual, home / ".local/state" / _FOLDER / "run"]
+    return tuple(one for one in places if len(os.fsencode(one)) <= _LONGEST_BYTES)
 
 
 def _is_there(folder: Path) -> bool:
@@ -91,26 +103,3 @@ def _is_there(folder: Path) -> bool:
     except OSError:
         return False
     return True
-
-
-def _fault(folder: Path) -> str:
-    """Return why a folder is not ours alone; empty when it is. Symbolic links are not followed."""
-    try:
-        about, above = folder.lstat(), folder.parent.stat()
-    except OSError as error:
-        return f"cannot be read: {error.strerror or error}"
-    others_move_it = bool(above.st_mode & 0o022) and not above.st_mode & stat.S_ISVTX
-    checks = (
-        (stat.S_ISLNK(about.st_mode), "is a symbolic link"),
-        (not stat.S_ISDIR(about.st_mode), "is not a folder"),
-        (about.st_uid != os.getuid(), f"belongs to another user (uid {about.st_uid})"),
-        (
-            bool(about.st_mode & 0o077),
-            f"is open to other users (mode {stat.S_IMODE(about.st_mode):04o})",
-        ),
-        (
-            above.st_uid not in {0, os.getuid()} or others_move_it,
-            f"can be replaced by other users, who may write to {folder.parent}",
-        ),
-    )
-    return next((text for wrong, text in checks if wrong), "")

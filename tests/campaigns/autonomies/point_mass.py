@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vehicles.autonomy import Autonomy, Command, Telemetry
-from vehicles.perception.detector import Detection
-from vehicles.readings import CameraReading
-from vehicles.setpoints import VelocitySetpoint
-from worlds.camera import Intrinsics
-from worlds.frames import Pose, Vec3
+from wil_campaign.vehicles.autonomy import Autonomy, Command, Telemetry
+from wil_campaign.vehicles.perception.detector import Detection
+from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose, Vec3
 
 CAMERA = Intrinsics.from_fov(640, 480, math.radians(69.0))
 IMAGE_S, TURN_S, LAG_S, LATENCY_S = 1.0 / 15.0, 0.05, 0.35, 0.08

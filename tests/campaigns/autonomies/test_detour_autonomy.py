@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from campaigns.api import (
+from tests.campaigns.autonomies.point_mass import Flight
+from wil_campaign.api import (
     DepthReading,
     Intrinsics,
     Pose,
@@ -15,9 +16,8 @@ from campaigns.api import (
     VelocitySetpoint,
     quat_from_euler,
 )
-from campaigns.autonomies.detour import DetourAutonomy
-from campaigns.autonomies.obstacle_map import ObstacleMap, free_ways
-from tests.campaigns.autonomies.point_mass import Flight
+from wil_campaign.campaigns.autonomies.detour import DetourAutonomy
+from wil_campaign.campaigns.autonomies.obstacle_map import ObstacleMap, free_ways
 
 CAMERA = Intrinsics.from_fov(160, 90, math.radians(87.0))
 STEP_S, IMAGE_S, LAG_S, LATE_S, TURN_RAD_S = 0.05, 0.1, 0.35, 0.08, 1.0

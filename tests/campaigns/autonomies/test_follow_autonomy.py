@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from campaigns.api import CameraReading, DetectorError, Intrinsics
-from campaigns.autonomies.box_flight import BoxFlightParameters
-from campaigns.autonomies.follow import FollowAutonomy
 from tests.campaigns.autonomies.point_mass import Corners, Flight, GeometryFinder, fly
 from tests.vehicles.tiny_onnx import INPUT_PX, tiny_detector
-from worlds.frames import Vec3
+from wil_campaign.api import CameraReading, DetectorError, Intrinsics
+from wil_campaign.campaigns.autonomies.box_flight import BoxFlightParameters
+from wil_campaign.campaigns.autonomies.follow import FollowAutonomy
+from wil_campaign.worlds.frames import Vec3
 
 
 def person_at(east_m: Any, north_m: float = 3.5, width_m: float = 0.46) -> Corners:
@@ -61,7 +61,7 @@ def test_a_smaller_person_is_taken_for_one_who_is_farther() -> None:
     assert 3.5 - flight.path[-1][1][0] < 3.0
 
 
-def test_who_is_lost_is_waited_for_at_the_place() -> None:
+def test_a_lost_person_is_waited_for_at_the_place() -> None:
     flight = follow(GeometryFinder(person_at(aside_and_back), hidden=(2.8, 99.0)))
     late = [place[1] for t_s, place in flight.path if t_s > 6.0]
     assert max(late) - min(late) < 0.1

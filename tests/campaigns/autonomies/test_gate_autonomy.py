@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from campaigns.autonomies.gate import GateAutonomy
-from campaigns.autonomies.gate_parameters import parse_parameters
-from campaigns.autonomies.gate_range import Looming
-from vehicles.autonomy import Autonomy, Command, Telemetry
-from vehicles.readings import BgrImage, CameraReading
-from vehicles.setpoints import VelocitySetpoint
-from worlds.camera import Intrinsics
-from worlds.frames import Pose, Vec3, quat_from_euler
+from wil_campaign.campaigns.autonomies.gate import GateAutonomy
+from wil_campaign.campaigns.autonomies.gate_parameters import parse_parameters
+from wil_campaign.campaigns.autonomies.gate_range import Looming
+from wil_campaign.vehicles.autonomy import Autonomy, Command, Telemetry
+from wil_campaign.vehicles.readings import BgrImage, CameraReading
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose, Vec3, quat_from_euler
 
 CAMERA = Intrinsics.from_fov(640, 480, math.radians(69.0))
 PICTURE_S = 1.0 / 15.0

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.checks import autonomy_checks
-from campaigns.setup.autonomy_under_test import UnderTest
 from tests.orchestrator.hover import write_hover
+from wil_campaign.campaigns.checks import autonomy_checks
+from wil_campaign.campaigns.setup.autonomy_under_test import UnderTest
 
 
 def test_a_child_that_does_not_start_in_time_is_no_built_autonomy(
@@ -17,7 +17,7 @@ def test_a_child_that_does_not_start_in_time_is_no_built_autonomy(
     # A limit of 0 s is no limit: a child that is quick has answered by then.
     monkeypatch.setattr(autonomy_checks, "_is_answered", lambda *_: False)
     missing = UnderTest(use="nowhere.py:Autonomy", folder=tmp_path, rate_hz=20.0)
-    refusal = autonomy_checks.IsolatedBuilds().refusal(missing)
+    refusal = autonomy_checks.IsolatedBuilds().trial(missing).refusal
     assert refusal is not None
     assert "could not be checked" in refusal.message
 

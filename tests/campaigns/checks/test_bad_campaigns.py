@@ -43,11 +43,17 @@ ONE_PLACE = [
     (
         "start: {north_m: 0, east_m: 0}",
         "@start: {north_m: 9, east_m: 0}",
-        "'real' starts 5.00 m outside of the geofence's side",
+        "'real' starts 5.00 m outside of the geofence's north side",
     ),
     ("seed: 7", "seed: @-1", "must be at least 0, is -1"),
     ("seed: 7", "seed: @1.5", "must be a whole number, is 1.5"),
     ("repetitions: 3", "repetitions: @0", "must be at least 1, is 0"),
+    ("seed: 7", "seed: 7\nrecord: {video: @often}", "must be failed, always or never, is 'often'"),
+    (
+        "seed: 7",
+        "seed: 7\nrecord: {pictures: none, video: @always}",
+        "is made of the recorded images, and pictures: none records none; record them (jpeg), or",
+    ),
     (
         "repetitions: 3",
         "repetitions: @yes",
@@ -288,7 +294,7 @@ def test_a_gate_must_stand_in_the_world_that_is_judged(files: Any) -> None:
 def test_a_gate_outside_of_the_fence_is_reported(files: Any) -> None:
     files.change("pose: {north_m: 3.0,", "pose: {north_m: 4.1,", "world.yaml")
     assert files.faults() == [
-        "campaign.yaml:20:33: 'gate' is 0.10 m outside of the geofence's side"
+        "campaign.yaml:20:33: 'gate' is 0.10 m outside of the geofence's north side"
     ]
 
 

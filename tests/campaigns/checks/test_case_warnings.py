@@ -11,9 +11,10 @@ from typing import Any, get_args
 import pytest
 
 import wil_campaign
-from orchestrator.cli import main
-from safety.oracles.autopilot_health import ModeName
 from tests.vehicles.processes.busy_core import one_busy_core
+from wil_campaign.campaigns.checks import autonomy_checks
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.safety.oracles.autopilot_health import ModeName
 
 POSITION = "position: {north_m: 2, east_m: 0, up_m: 1.2}"
 
@@ -26,6 +27,19 @@ def warned(files: Any) -> list[str]:
 def test_a_good_campaign_is_not_warned_of(files: Any) -> None:
     assert warned(files) == []
     assert files.load().caveats == ()
+
+
+@pytest.mark.parametrize(
+    ("params", "names"),
+    [
+        ("{MPC_THR_HOVER: 0.4, MPC_XY_P: 0.9}", ["MPC_THR_HOVER"]),
+        ("{RTL_TYPE: 0}", ["RTL_TYPE"]),
+    ],
+)
+def test_a_parameter_without_effect_is_named(files: Any, params: str, names: list[str]) -> None:
+    files.change("    profile: cage\n", f"    profile: cage\n    params: {params}\n")
+    found = [one.partition(": the embedded px4 carries ")[2] for one in warned(files)]
+    assert found == [f"'{name}', and nothing acts on it" for name in names]
 
 
 @pytest.mark.parametrize(
@@ -131,6 +145,11 @@ def test_a_control_that_proves_nothing_is_warned_of(
 def test_degrees_are_not_taken_for_radians(files: Any, degrees: str) -> None:
     files.change("east_m: 0}", f"east_m: 0, yaw_deg: {degrees}}}")
     assert warned(files) == []
+
+
+def test_an_angle_without_end_is_a_fault_of_its_own(files: Any) -> None:
+    files.change("east_m: 0}", "east_m: 0, yaw_deg: 1e308}")
+    assert "must be at most 360, is 1e+308" in files.faults()[0]
 
 
 @pytest.mark.parametrize(
@@ -321,8 +340,8 @@ def test_a_missing_world_hides_neither_fence_nor_formula(files: Any) -> None:
     files.change("  collision: {}", f"  collision: {{}}\n  rule: {{stl: {rule}}}")
     said = [one.partition(": ")[2] for one in files.faults()]
     assert said == [
-        "'real' starts 1.00 m outside of the geofence's side",
-        "'twin' starts 1.00 m outside of the geofence's side",
+        "'real' starts 1.00 m outside of the geofence's south side",
+        "'twin' starts 1.00 m outside of the geofence's south side",
         "there is no file 'word.yaml' beside the campaign; did you mean 'world.yaml'?",
         "oracle 'rule': unknown signal 'upp_m'; did you mean 'up_m'?",
     ]
@@ -372,13 +391,33 @@ def test_an_autonomy_that_blocks_or_dies_on_import_is_a_fault(
     fault: tuple[str, float, str],
 ) -> None:
     code, build_s, text = fault
-    monkeypatch.setattr("campaigns.checks.autonomy_checks.LONGEST_BUILD_S", build_s)
+    monkeypatch.setattr("wil_campaign.campaigns.checks.autonomy_checks.LONGEST_BUILD_S", build_s)
     pilot = Path(files.folder) / "pilot.py"
     pilot.write_text(code + pilot.read_text())
     began_s = time.monotonic()
     assert main([command, str(files.path)]) == 2
     assert text in capsys.readouterr().err
     assert time.monotonic() - began_s < 200.0
+
+
+def test_validate_gives_up_on_an_autonomy_that_blocks_after_its_own_limit(
+    files: Any, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    allowed_s: list[float] = []
+
+    def never(connection: Any, _pid: int, limit_s: float) -> bool:
+        begins = limit_s in {autonomy_checks._LONGEST_FORK_S, autonomy_checks._LONGEST_SPAWN_S}
+        if not begins:
+            allowed_s.append(limit_s)
+            return False
+        return bool(connection.poll(120.0))
+
+    monkeypatch.setattr(autonomy_checks, "_is_answered", never)
+    monkeypatch.setattr(threading, "active_count", lambda: 1)
+    files.change("use: pilot.py:Pilot", "use: pilot.py:Pilot, limits: {build_s: 6}")
+    assert main(["validate", str(files.path)]) == 2
+    assert "is not imported and built within 6 s: it blocks" in capsys.readouterr().err
+    assert allowed_s == [2.0, 4.0]
 
 
 def test_a_fork_that_waits_for_a_lock_is_no_evidence_that_the_autonomy_blocks(
@@ -392,7 +431,7 @@ def test_a_fork_that_waits_for_a_lock_is_no_evidence_that_the_autonomy_blocks(
             lock.acquire()
 
     os.register_at_fork(after_in_child=wait_in_a_fork)
-    monkeypatch.setattr("campaigns.checks.autonomy_checks._LONGEST_FORK_S", 0.5)
+    monkeypatch.setattr("wil_campaign.campaigns.checks.autonomy_checks._LONGEST_FORK_S", 0.5)
     monkeypatch.setattr(threading, "active_count", lambda: 1)
     with lock:
         assert main(["validate", str(files.path)]) == 0, capsys.readouterr().err
@@ -415,7 +454,7 @@ def test_garbage_of_this_process_is_not_collected_in_a_fork(
     fork_alone = {"fork": multiprocessing.get_context("fork")}
     monkeypatch.setattr(multiprocessing, "get_context", fork_alone.__getitem__)
     monkeypatch.setattr(threading, "active_count", lambda: 1)
-    monkeypatch.setattr("campaigns.checks.autonomy_checks.LONGEST_BUILD_S", 6.0)
+    monkeypatch.setattr("wil_campaign.campaigns.checks.autonomy_checks.LONGEST_BUILD_S", 6.0)
     autonomy = Path(files.folder) / "pilot.py"
     autonomy.write_text(f"import gc\ngc.collect()\n{autonomy.read_text()}")
     gc.disable()
@@ -429,7 +468,7 @@ def test_garbage_of_this_process_is_not_collected_in_a_fork(
 def test_time_without_a_processor_is_not_the_autonomys(
     files: Any, capsys: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("campaigns.checks.autonomy_checks.LONGEST_BUILD_S", 9.0)
+    monkeypatch.setattr("wil_campaign.campaigns.checks.autonomy_checks.LONGEST_BUILD_S", 9.0)
     monkeypatch.setattr(threading, "active_count", lambda: 1)  # a fork has a third of it
     autonomy, runs = Path(files.folder) / "pilot.py", Path(files.folder) / "runs"
     works = f"import time\nopen({str(runs)!r}, 'a').write('x')\n"

@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from campaigns.expansion.expansion import Campaign, Options, load_campaign
-from worlds.files.documents import BadInput
+from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.worlds.files.documents import BadInput
 
 TEXT = """\
 schema: wil/campaign/1

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-import campaigns
-from campaigns.expansion.expansion import Campaign, RunPlan, load_campaign
-from campaigns.values.acceptance import Requirement, Share
-from worlds.files.documents import BadInput
+from wil_campaign import campaigns
+from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan, load_campaign
+from wil_campaign.campaigns.values.acceptance import Requirement, Share
+from wil_campaign.worlds.files.documents import BadInput
 
 SHIPPED = sorted(Path(campaigns.__file__).parent.glob("*.yaml"))
 
@@ -143,6 +143,17 @@ def test_what_is_required_and_left_out_is_reported(files: Any) -> None:
         "large/wil",
         "2 of 3 repetitions",
     )
+
+
+def test_what_the_command_line_sets_is_named_with_what_the_file_says(files: Any) -> None:
+    """A limit may be among it: a PASS by that is no PASS of the file."""
+    sets = ("oracles.time_limit.limit_s=500", "world.objects.gate.pose.north_m=2", "retries=3")
+    assert files.load(sets=sets).caveats == (
+        "set by the command line: oracles.time_limit.limit_s=500 (the file says 40)",
+        "set by the command line: world.objects.gate.pose.north_m=2",
+        "set by the command line: retries=3",
+    )
+    assert files.load(repetitions=1, seed=3).caveats == ()
 
 
 def test_a_file_that_needs_an_option_is_compared_with_what_is_flown(files: Any) -> None:

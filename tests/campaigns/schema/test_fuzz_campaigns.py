@@ -7,9 +7,9 @@ from pathlib import Path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from campaigns.expansion.expansion import load_campaign
 from tests.campaigns.conftest import CAMPAIGN, RECIPE, WORLD, Files
-from worlds.files.documents import BadInput
+from wil_campaign.campaigns.expansion.expansion import load_campaign
+from wil_campaign.worlds.files.documents import BadInput
 
 _TOKEN = re.compile(r"[^\s{}\[\],:]+")
 TEXTS = {"campaign.yaml": CAMPAIGN, "world.yaml": WORLD, "recipe.yaml": RECIPE}

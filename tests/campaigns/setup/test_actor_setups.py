@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.expansion.expansion import Options, load_campaign
-from campaigns.setup.actor_setups import ActorSetup
-from worlds.files.documents import BadInput
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.setup.actor_setups import ActorSetup
+from wil_campaign.worlds.files.documents import BadInput
 
 AVOID = Path(__file__).parents[3] / "campaigns" / "avoid.yaml"
 FLOWN = "actors={intruder: {link: embedded, autopilot: px4}}"
@@ -45,3 +45,11 @@ def test_what_no_vehicle_can_fly_is_refused(sets: tuple[str, ...], said: str) ->
     with pytest.raises(BadInput) as caught:
         setup(*sets)
     assert any(said in str(problem) for problem in caught.value.problems)
+
+
+def test_a_parameter_of_an_actor_without_effect_is_warned_of() -> None:
+    sets = (FLOWN, "actors.intruder.params={RTL_TYPE: 1, MPC_XY_P: 0.9}", "controls={}")
+    options = Options(cases=("fast",), modes=("sim",), sets=sets, loads_code=False)
+    texts = [str(one) for one in load_campaign(AVOID, options).warnings]
+    assert sum("carries 'RTL_TYPE', and nothing acts on it" in text for text in texts) == 1
+    assert not any("carries 'MPC_XY_P'" in text for text in texts)

@@ -1,12 +1,11 @@
-"""What a campaign may say of sources, motion capture, deliveries, injections and programs."""
+"""What a campaign may say of sources and motion capture."""
 
 import math
-from pathlib import Path
 
 import pytest
 
-from campaigns.setup.case_setup import Setup
 from tests.campaigns.conftest import Files
+from wil_campaign.campaigns.setup.case_setup import Setup
 
 CAMERA = "camera: {type: camera, rate_hz: 15, width_px: 320, height_px: 240, fov_deg: 69}"
 REAL = f"    pose_source: mocap\n    sensors:\n      {CAMERA}\n"
@@ -172,8 +171,12 @@ def test_motion_capture_comes_from_an_address(files: Files) -> None:
     ("mocap", "said"),
     [
         ("serial://x", "must be udp://HOST:PORT"),
+        ("vrpn://10.0.0.1", "VRPN is not read any more: have a bridge of 20 lines send its poses"),
         ("udp://0.0.0.0", "must be udp://HOST:PORT"),
         ("{address: 'udp://127.0.0.1:5570', topic: x}", "applies to tcp:// only"),
+        ("{address: 'tcp://127.0.0.1:5570', sender: 127.0.0.1}", "applies to udp:// only"),
+        ("{address: 'udp://127.0.0.1:5570', sender: vicon}", "must be an IP address, or IP:PORT"),
+        ("{address: 'udp://127.0.0.1:5570', sender: '1.2.3.4:0'}", "must be an IP address"),
     ],
 )
 def test_motion_capture_that_cannot_be_is_refused(files: Files, mocap: str, said: str) -> None:
@@ -184,122 +187,3 @@ def test_motion_capture_that_cannot_be_is_refused(files: Files, mocap: str, said
 def test_motion_capture_that_nobody_uses_is_refused(files: Files) -> None:
     files.change("    pose_source: mocap\n", "    mocap: udp://127.0.0.1:5570\n")
     assert any("is not used with pose_source: mavlink" in fault for fault in files.faults())
-
-
-def test_deliveries_are_read_with_the_one_camera_there_is(files: Files) -> None:
-    files.append("deliver: [{rtp: '127.0.0.1:5600'}, {zmq: 'tcp://*:5601', of: twin}]\n")
-    files.change("tcp://*:5601", "tcp://127.0.0.1:5601")
-    first, second = setup(files).outside.outlets
-    assert (first.kind, first.address, first.sensor, first.of) == (
-        "rtp",
-        "127.0.0.1:5600",
-        "camera",
-        "perceived",
-    )
-    assert (second.of, second.encoding) == ("twin", "bgr8")
-    assert needs(files) == ["rtp 127.0.0.1:5600", "zmq tcp://127.0.0.1:5601"]
-
-
-@pytest.mark.parametrize(
-    ("deliver", "said"),
-    [
-        ("{sensor: camera}", "give one of rtp, zmq, v4l2"),
-        ("{rtp: '127.0.0.1:5600', zmq: 'tcp://127.0.0.1:5601'}", "give one of"),
-        ("{rtp: '127.0.0.1:5601'}", "RTP needs an even port"),
-        ("{rtp: here}", "must be HOST:PORT"),
-        ("{v4l2: video10}", "must be a loopback device"),
-        ("{zmq: '127.0.0.1:5601'}", "must be an address to bind"),
-        ("{rtp: '127.0.0.1:5600', encoding: png}", "is for zmq, not for rtp"),
-        ("{rtp: '127.0.0.1:5600', sensor: camara}", "has no camera 'camara'"),
-        ("{rtp: '127.0.0.1:5600', of: real, vehicle: twin}", "has no effect with of: real"),
-        ("{rtp: '127.0.0.1:5600'}, {rtp: '127.0.0.1:5600'}", "is already used by delivery 1"),
-    ],
-)
-def test_deliveries_that_cannot_be_are_refused(files: Files, deliver: str, said: str) -> None:
-    files.append(f"deliver: [{deliver}]\n")
-    assert any(said in fault for fault in files.faults())
-
-
-def test_where_there_are_several_cameras_a_delivery_names_one(files: Files) -> None:
-    files.change(REAL, f"{REAL}      second: {CAMERA.partition(': ')[2]}\n")
-    files.append("deliver: [{rtp: '127.0.0.1:5600'}]\n")
-    assert any("name the camera by" in fault for fault in files.faults())
-
-
-def test_a_ground_station_is_a_link_that_leads_out(files: Files) -> None:
-    files.append("ground_station: udpout://127.0.0.1:14550\n")
-    assert needs(files) == ["a ground station at udpout://127.0.0.1:14550"]
-    files.change("udpout://127.0.0.1:14550", "udpin://0.0.0.0:14550")
-    assert any("must be outgoing" in fault for fault in files.faults())
-
-
-def test_obstacles_for_px4_are_refused_before_anything_is_there(files: Files) -> None:
-    lidar = "      lidar: {type: lidar}\n"
-    files.change(REAL, REAL + lidar)
-    files.change(TWIN, TWIN + lidar)
-    files.append("inject: {obstacle_distance: {sensor: lidar}}\n")
-    (fault,) = files.faults()
-    assert "'real' (px4) would ignore it: in mode OFFBOARD" in fault
-    assert "fly in POSCTL" in fault
-    files.change("sensor: lidar}", "sensor: lidar, to: [twin]}")
-    (injection,) = setup(files).outside.injections
-    assert (injection.thing, injection.to, injection.sensor) == (
-        "obstacle_distance",
-        ("twin",),
-        "lidar",
-    )
-    assert needs(files) == []  # it goes by the vehicles' own links
-
-
-@pytest.mark.parametrize(
-    ("inject", "said"),
-    [
-        ("{obstacle_distance: {sensor: lidar, to: [twin]}}", "'twin' has no lidar 'lidar'"),
-        ("{adsb_vehicle: {objects: [gat]}}", "no object 'gat' in the world"),
-        ("{odometry: {}}", "'twin' has no motion capture"),
-        ("{landing_target: {object: gate, to: [real]}}", "in mode LAND: no landing is guided"),
-        ("{vision_position_estimate: {}, odometry: {}}", "delivers the pose already"),
-        ("{collision: {}}", "unknown key 'collision'"),
-        ("{obstacle_distance: {sensor: lidar, to: [real, real]}}", "names a vehicle twice"),
-    ],
-)
-def test_injections_that_cannot_be_are_refused(files: Files, inject: str, said: str) -> None:
-    files.append(f"inject: {inject}\n")
-    assert any(said in fault for fault in files.faults())
-
-
-def program(files: Files, text: str) -> None:
-    files.change("autonomy: {use: pilot.py:Pilot, with: {speed_m_s: 0.8}}", f"autonomy: {text}")
-
-
-def test_an_autonomy_may_be_a_program(files: Files) -> None:
-    program(files, "{program: [python3, fly.py], with: {speed_m_s: 0.8}}")
-    under_test = setup(files).under_test
-    assert under_test.program == ("python3", "fly.py")
-    assert under_test.folder == files.folder.resolve()
-    assert under_test.goal == {"altitude_m": 1.2, "gate_count": 1}
-    assert needs(files) == ["the program python3"]
-
-
-def test_a_program_beside_the_campaign_is_found(files: Files) -> None:
-    program(files, "{program: [./fly]}")
-    assert any("there is no file './fly' beside" in fault for fault in files.faults())
-    path = Path(files.folder / "fly")
-    path.touch()
-    assert any("is not executable" in fault for fault in files.faults())
-    path.chmod(0o755)
-    assert setup(files).under_test.program == ("./fly",)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("{program: [no-such-program]}", "there is no program 'no-such-program' in PATH"),
-        ("{program: []}", "at least 1"),
-        ("{with: {}}", "give use: (a class) or program: (a command line)"),
-        ("{use: pilot.py:Pilot, program: [python3]}", "has no effect with a program"),
-    ],
-)
-def test_programs_that_cannot_be_are_refused(files: Files, text: str, said: str) -> None:
-    program(files, text)
-    assert any(said in fault for fault in files.faults())

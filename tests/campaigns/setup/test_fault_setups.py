@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from campaigns.values.signal_faults import SignalFault
+from wil_campaign.campaigns.values.signal_faults import SignalFault
 
 FAULTS = """\
 faults:

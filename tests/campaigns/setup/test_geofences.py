@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from campaigns.setup.vehicle_fences import changed_fences
-from safety.fence.areas import FenceError, Polygon
-from safety.fence.fence_files import read_fence_file
-from safety.fence.fence_schema import FencePart
-from safety.fence.geofence import Fence
-from safety.fence.geographic import DrawnFence, GeoCircle, GeoPolygon
-from worlds.files.documents import BadInput, Problem, parse
-from worlds.geodesy import LocalFrame
+from wil_campaign.campaigns.setup.vehicle_fences import changed_fences
+from wil_campaign.safety.fence.areas import FenceError, Polygon
+from wil_campaign.safety.fence.fence_files import parse_fence_file, read_fence_file
+from wil_campaign.safety.fence.fence_schema import FencePart
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.fence.geographic import DrawnFence, GeoCircle, GeoPolygon
+from wil_campaign.worlds.files.documents import BadInput, Problem, parse
+from wil_campaign.worlds.geodesy import LocalFrame
 
 FRAME = LocalFrame(47.4, 8.5, 488.0)
 BOX = "  box: {north_m: [-1, 4], east_m: [-2, 2], up_m: [-0.5, 2.3]}\n"
@@ -191,6 +191,189 @@ def test_a_fence_far_from_the_world_is_reported_with_what_was_probably_meant(fil
     files.change(BOX, f"  include: [{{polygon_deg: {corners}}}]\n  up_m: [-0.5, 2.3]\n")
     (fault,) = files.faults()
     assert "km from the world's origin; are latitude and longitude swapped?" in fault
+
+
+def local_of(text: str, name: str = "fence.plan") -> Fence:
+    """Return the fence of a file's text, 0 to 2 m high."""
+    part = FencePart.model_validate({"file": name, "up_m": (0, 2)})
+    return part.fence(FRAME, read_fence_file(parse_fence_file(text.encode(), name=name)))
+
+
+def square(north_m: float, east_m: float, half_m: float = 2.0) -> list[tuple[float, float]]:
+    """Return the corners of a square on Earth."""
+    low, high = (north_m - half_m, north_m + half_m), (east_m - half_m, east_m + half_m)
+    return [earth(low[0], high[0]), earth(low[1], high[0]), earth(low[1], high[1]),
+            earth(low[0], high[1])]  # fmt: skip
+
+
+def inclusions(*squares: list[tuple[float, float]]) -> str:
+    return plan(polygons=[{"inclusion": True, "polygon": [list(c) for c in s]} for s in squares])
+
+
+def waypoints(*items: tuple[int, float, tuple[float, float]]) -> str:
+    """Return a fence as Mission Planner saves it: command, first parameter, place of each item."""
+    rows: list[tuple[float, ...]] = [(0, 1, 0, 16, 0, 0, 0, 0, 47.4, 8.5, 488, 1)]
+    for number, (command, first, (latitude_deg, longitude_deg)) in enumerate(items, start=1):
+        rows.append((number, 0, 3, command, first, 0, 0, 0, latitude_deg, longitude_deg, 0, 1))
+    return "\r\n".join(["QGC WPL 110", *("\t".join(map(str, row)) for row in rows), ""])
+
+
+HERE, AHEAD = (0.0, 0.0, -1.0), (3.0, 0.0, -1.0)
+
+
+def test_of_several_inclusions_of_a_plan_all_count_as_in_both_autopilots(files: Any) -> None:
+    text = inclusions(square(0, 0), square(1.5, 0))
+    fence = local_of(text)
+    assert fence.margin_m((0.5, 0.0, -1.0)) == pytest.approx(1.0, abs=1e-4)
+    assert fence.margin_m((-1.0, 0.0, -1.0)) < 0.0
+    assert fence.margin_m(AHEAD) < 0.0
+    (files.folder / "two.plan").write_text(inclusions(square(0, 0, 6), square(1.5, 0, 6)))
+    files.change(BOX, "  file: two.plan\n  up_m: [-0.5, 2.3]\n")
+    (said,) = [str(one) for one in files.load().warnings if "two.plan" in str(one)]
+    assert "has 2 inclusions: a vehicle has to be inside all of them, as in both autopilots" in said
+    # In the campaign, and in GeoJSON, any counts.
+    drawn = geojson(*(feature("Polygon", [lon_lat(s)]) for s in (square(0, 0), square(1.5, 0))))
+    assert local_of(drawn).margin_m(AHEAD) == pytest.approx(0.5, abs=1e-4)
+
+
+def test_an_inclusion_within_another_stays_as_it_is() -> None:
+    circle = {"circle": {"center": list(earth(0, 0)), "radius": 1.0}, "inclusion": True}
+    around = {"inclusion": True, "polygon": [list(c) for c in square(0, 0)]}
+    assert local_of(plan(polygons=[around], circles=[circle])).inclusions == (
+        GeoCircle(earth(0, 0), 1.0).local(FRAME),
+    )
+    far = {"circle": {"center": list(earth(2, 0)), "radius": 1.0}, "inclusion": True}
+    cut = local_of(plan(polygons=[around], circles=[far]))
+    assert cut.margin_m((1.5, 0.0, -1.0)) == pytest.approx(0.5, abs=1e-3)
+    assert cut.margin_m((2.2, 0.0, -1.0)) < 0.0
+
+
+def test_inclusions_with_nothing_in_common_are_refused(files: Any) -> None:
+    (files.folder / "two.plan").write_text(inclusions(square(0, 0), square(9, 0)))
+    files.change(BOX, "  file: two.plan\n  up_m: [-0.5, 2.3]\n")
+    assert "no place is inside all 2 inclusions, as both autopilots require" in files.faults()[0]
+
+
+@pytest.mark.parametrize("file_type", ["Plan", "Fence"])
+def test_a_plan_of_before_qgroundcontrol_3_4_has_one_polygon(file_type: str) -> None:
+    fence = {"breachReturn": [47.4, 8.5], "polygon": [list(c) for c in CORNERS], "version": 1}
+    text = json.dumps({"fileType": file_type, "geoFence": fence, "version": 1})
+    if file_type == "Plan":
+        assert local_of(text).margin_m((0.0, 1.8, -1.0)) == pytest.approx(0.2, abs=1e-6)
+    else:
+        with pytest.raises(BadInput, match="must be Plan"):
+            local_of(text)
+
+
+def test_the_waypoints_of_mission_planner_are_a_fence(files: Any) -> None:
+    text = waypoints(
+        (5000, 0, earth(0, 0)),
+        *((5001, 4, corner) for corner in CORNERS),
+        *((5002, 4, corner) for corner in HOLE),
+        (5003, 9, earth(0, 0)),
+        (5004, 0.5, earth(3.5, -1.5)),
+    )
+    fence = local_of(text, "fence.waypoints")
+    assert fence.margin_m((0.0, 1.8, -1.0)) == pytest.approx(0.2, abs=1e-3)
+    assert fence.margin_m((2.5, 1.25, -1.0)) == pytest.approx(-0.25, abs=1e-3)
+    assert fence.margin_m((3.5, -1.5, -1.0)) == pytest.approx(-0.5, abs=1e-3)
+    (files.folder / "cage.waypoints").write_bytes(text.encode())
+    files.change(BOX, "  file: cage.waypoints\n  up_m: [-0.5, 2.3]\n")
+    assert files.load().runs[0].setup().fences["real"].margin_m((0.0, 1.8, 0.2)) > 0.1
+    assert changed_fences(parse_fence_file(text.encode(), name="new"), FRAME, {"real": PRESENT})
+
+
+def test_a_waypoint_list_without_home_loses_nothing() -> None:
+    """MAVProxy saves fences so: the first area was taken for home."""
+    with_home = waypoints(
+        (5004, 0.5, earth(0, 0)), *((5001, 4, corner) for corner in CORNERS)
+    ).split("\r\n")
+    without = "\n".join([with_home[0], *with_home[2:]])
+    for text in (without, "\n".join(with_home)):
+        fence = local_of(text, "a.txt")
+        assert fence.margin_m((0.0, 0.0, -1.0)) == pytest.approx(-0.5, abs=1e-3)
+        assert fence.margin_m((0.0, 1.8, -1.0)) == pytest.approx(0.2, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("QGC WPL 110\n", "1:1: no fence is drawn in this file"),
+        (waypoints((16, 0, earth(0, 0))), "3:7: command 16 is no item of a fence"),
+        (
+            waypoints((5001, 3, earth(0, 0))),
+            "3:1: a polygon of 3 corners begins here, and 1",
+        ),
+        (waypoints((5003, -1, earth(0, 0))), "3:1: a circle needs a positive radius, has -1"),
+        (waypoints((5001, math.nan, earth(0, 0))), "3:1: a row of a waypoint list has 12 numbers"),
+        ("QGC WPL 110\n0\n1 0 3 1e999 0 0 0 0 0 0 0 1", "2:1: a row of a waypoint list has 12"),
+        (waypoints((5003, 5, (98.0, 8.5))), "3:1: latitude 98 is beyond 90 degrees"),
+        (waypoints((5003, 5, earth(0, 0)))[:-20], "3:1: a row of a waypoint list has 12 numbers"),
+    ],
+)
+def test_a_fault_of_a_waypoint_list_is_shown_where_it_is(files: Any, text: str, said: str) -> None:
+    (files.folder / "cage.waypoints").write_text(text)
+    files.change(BOX, "  file: cage.waypoints\n  up_m: [-0.5, 2.3]\n")
+    assert files.faults()[0].startswith(f"cage.waypoints:{said}")
+
+
+EXCLUDING = [
+    {"type": "Exclusive"},
+    {"fence_type": "exclusion"},
+    {"name": "No-fly zone 3"},
+    {"Inclusion": False},
+    {"inclusive": "false"},
+    {"exclusion": True},
+    {"is_exclusion": 1},
+    {"inclusion": False, "name": "hole"},
+    {"fence": {"kind": "exclusion"}},
+    {"name": "NFZ_12"},
+    {"name": "no flight zone"},
+    {"tags": ["site", "Exclusive"]},
+    {"zones": [{"exclusion": True}]},
+]
+
+
+@pytest.mark.parametrize("named", [{"type": "restricted"}, {"name": "Danger area"}])
+def test_an_area_that_may_be_meant_either_way_is_asked_for(named: dict[str, Any]) -> None:
+    def drawn(**properties: Any) -> Any:
+        return geojson(
+            feature("Polygon", [lon_lat(CORNERS)]),
+            feature("Polygon", [lon_lat(HOLE)], **named, **properties),
+        )
+
+    with pytest.raises(BadInput, match="may be an exclusion: give the property inclusion"):
+        local_of(drawn())
+    here = (2.5, 1.25, -1.0)
+    assert local_of(drawn(inclusion=False)).margin_m(here) == pytest.approx(-0.25, abs=1e-6)
+    assert local_of(drawn(inclusion=True)).margin_m(here) > 0.0
+
+
+@pytest.mark.parametrize("properties", EXCLUDING)
+def test_what_a_feature_names_an_exclusion_is_one(properties: dict[str, Any]) -> None:
+    """It was flown through, as an inclusion of its own."""
+    text = geojson(
+        feature("Polygon", [lon_lat(CORNERS)]), feature("Polygon", [lon_lat(HOLE)], **properties)
+    )
+    assert local_of(text).margin_m((2.5, 1.25, -1.0)) == pytest.approx(-0.25, abs=1e-6)
+    alone = {**feature("Polygon", [lon_lat(HOLE)]), "id": "exclusion-1"}
+    text = geojson(feature("Polygon", [lon_lat(CORNERS)]), alone)
+    assert local_of(text).margin_m((2.5, 1.25, -1.0)) == pytest.approx(-0.25, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "properties",
+    [{"name": "cage"}, {"exclusion": False}, {"inclusion": True}, {"Inclusive": "yes"}, {"id": 3}],
+)
+def test_what_no_feature_names_an_exclusion_is_none(properties: dict[str, Any]) -> None:
+    text = geojson(feature("Polygon", [lon_lat(CORNERS)], **properties))
+    assert local_of(text).margin_m((2.5, 1.25, -1.0)) == pytest.approx(0.75, abs=1e-6)
+
+
+def test_a_feature_that_says_both_is_refused() -> None:
+    both = feature("Polygon", [lon_lat(HOLE)], inclusion=True, type="Exclusive")
+    with pytest.raises(BadInput, match="inclusion is true, and 'type: Exclusive' says that it is"):
+        local_of(geojson(feature("Polygon", [lon_lat(CORNERS)]), both))
 
 
 def test_a_fence_that_excludes_home_or_is_too_near_to_it(files: Any) -> None:

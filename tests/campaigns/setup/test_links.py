@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from vehicles.links.impairment import Impairment, LinkOutage
+from wil_campaign.vehicles.links.impairment import Impairment, LinkOutage
 
 
 def test_a_link_is_bad_both_ways_unless_one_is_named(files: Any) -> None:

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.expansion.expansion import Options, load_campaign
-from safety.model.verdict import PARTS
-from worlds.files.documents import BadInput
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.safety.model.verdict import PARTS
+from wil_campaign.worlds.files.documents import BadInput
 
 ROOT = Path(__file__).parents[3]
 SOURCE = re.compile(r"""source ?= ?f?"([a-z-]+)[./]""")
@@ -21,6 +21,6 @@ def test_an_oracle_with_the_name_of_another_part_is_refused(name: str) -> None:
 
 
 def test_the_parts_are_those_that_decide_runs() -> None:
-    files = (ROOT / "orchestrator").rglob("*.py")
-    found = {word for file in files for word in SOURCE.findall(file.read_text())}
+    files = [file for at in ("orchestrator", "plugins") for file in (ROOT / at).rglob("*.py")]
+    found = {word for file in files for word in SOURCE.findall(file.read_text("utf-8"))}
     assert found | {"evidence"} == set(PARTS)

@@ -3,8 +3,8 @@
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from campaigns.values.external_setups import ReadingSourceSetup
 from tests.campaigns.conftest import Files
+from wil_campaign.campaigns.values.external_setups import ReadingSourceSetup
 
 CAMERA = "camera: {type: camera, rate_hz: 15, width_px: 320, height_px: 240, fov_deg: 69}"
 REAL = f"    pose_source: mocap\n    sensors:\n      {CAMERA}\n"

@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from campaigns.values.sensor_setups import (
+from tests.campaigns.conftest import Files
+from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
     GpsSetup,
@@ -15,8 +16,7 @@ from campaigns.values.sensor_setups import (
     PoseSetup,
     RangefinderSetup,
 )
-from tests.campaigns.conftest import Files
-from vehicles.readings import SENSOR_TYPES
+from wil_campaign.vehicles.readings import SENSOR_TYPES
 
 ALL = """      stereo: {type: depth, rate_hz: 10, width_px: 160, height_px: 120, fov_deg: 80}
       lidar: {type: lidar, beams: 181, fov_deg: 180, range_max_m: 6, mount: {down_m: -0.05}}

@@ -5,11 +5,11 @@ from typing import Any
 
 import pytest
 
-from vehicles.embedded import profile
-from vehicles.launch.ardupilot import ArduPilotLaunch
-from vehicles.launch.px4 import Px4Launch
-from vehicles.links.link_conditions import KeySource
-from vehicles.links.link_strings import parse_link
+from wil_campaign.vehicles.embedded import profile
+from wil_campaign.vehicles.launch.ardupilot import ArduPilotLaunch
+from wil_campaign.vehicles.launch.px4 import Px4Launch
+from wil_campaign.vehicles.links.link_conditions import KeySource
+from wil_campaign.vehicles.links.link_strings import parse_link
 
 REAL = """    link: embedded
     autopilot: px4
@@ -184,6 +184,22 @@ def test_what_an_attached_vehicle_cannot_have(files: Any, line: str, said: str) 
     found = files.faults()
     assert len(found) == 1, found
     assert said in found[0]
+
+
+@pytest.mark.parametrize(
+    ("link", "said"),
+    [
+        ("{launch: px4, build: a}", "a launched simulation is judged by its ground truth: write"),
+        ("udpin://0.0.0.0:14540", "by `mocap`, or write simulator (a simulation's ground truth)"),
+    ],
+)
+def test_without_motion_capture_the_ground_truth_is_offered(
+    files: Any, link: str, said: str
+) -> None:
+    """As to whoever launches a firmware in a shipped campaign, whose real one is captured."""
+    outside(files, link, "pose_source: mocap")
+    (fault,) = files.faults()
+    assert said in fault
 
 
 def test_sensors_that_only_our_own_simulation_feels(files: Any) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from campaigns.statistics.sequential_test import SequentialTest
+from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
 
 
 def test_the_sequential_test_stops_when_it_knows() -> None:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.values.acceptance import Requirement, Share, parse_share, standings
+from wil_campaign.campaigns.values.acceptance import Requirement, Share, parse_share, standings
 
 
 @pytest.mark.parametrize("text", ["", "5", "5/", "0/5", "6/5", "-1/5", "a/b", "5/5/5"])

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.values.seeds import run_seed
+from wil_campaign.campaigns.values.seeds import run_seed
 
 
 def test_seeds_are_those_of_other_machines_and_releases() -> None:

@@ -2,17 +2,15 @@
 
 import pytest
 
-from campaigns.values.autonomy_limits import AutonomyLimits
-from campaigns.values.expectation import Expectation
-from campaigns.values.external_setups import (
-    ExternalSetup,
-    ImageOutlet,
+from wil_campaign.campaigns.values.autonomy_limits import AutonomyLimits
+from wil_campaign.campaigns.values.expectation import Expectation
+from wil_campaign.campaigns.values.external_setups import (
     ReadingSourceSetup,
     ShownAs,
     SourceKind,
     SourceSetup,
 )
-from campaigns.values.signal_faults import SignalFault
+from wil_campaign.campaigns.values.signal_faults import SignalFault
 
 
 @pytest.mark.parametrize(
@@ -37,19 +35,6 @@ def test_readings_of_the_vehicles_own_link_need_no_wall_clock() -> None:
     assert not ReadingSourceSetup(kind="mavlink", address="mavlink").needs_wall_clock
     assert ReadingSourceSetup(kind="zmq", address="tcp://127.0.0.1:5556").needs_wall_clock
     assert ReadingSourceSetup(kind="mcap", address="/x.mcap").shown_as == "file"
-
-
-def test_external_io_on_the_wall_clock_is_named_with_its_place() -> None:
-    outlets = tuple(
-        ImageOutlet(kind="rtp", address=f"127.0.0.1:{port}", sensor="camera") for port in (1, 2)
-    )
-    found = ExternalSetup(outlets=outlets, ground_station="udp:127.0.0.1:14550")
-    assert list(found.needing_wall_clock()) == [
-        (("deliver", 0), "rtp 127.0.0.1:1"),
-        (("deliver", 1), "rtp 127.0.0.1:2"),
-        (("ground_station",), "a ground station at udp:127.0.0.1:14550"),
-    ]
-    assert list(ExternalSetup().needing_wall_clock()) == []
 
 
 def test_memory_above_its_limit_is_reported_and_memory_at_it_is_not() -> None:

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 import tempfile
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -10,22 +11,22 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.campaign.resuming.lost_runs import lost_result
-from orchestrator.campaign.workers.local_workers import _lost_by_exception
-from orchestrator.model import clock
-from orchestrator.model.exit_codes import exit_code
-from orchestrator.model.faults import fault_log
-from orchestrator.model.results import RunResult
-from orchestrator.run.flight.run import Disturb, fly
-from orchestrator.run.vehicles.pair import Pair
-from orchestrator.state.run_setup import RunOrder, RunSetup
-from orchestrator.state.run_state import RunState
-from safety.guard.core.operator_command import OperatorCommand
 from tests.faults.exceptions.injection import InjectingLoop, Injection, Probe, calls_pass_by
 from tests.faults.witness import Witness
 from tests.orchestrator.conftest import vehicles_on
 from tests.orchestrator.hover import STILL, WORLD
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.campaign.resuming.lost_runs import lost_result
+from wil_campaign.orchestrator.campaign.workers.local_workers import _lost_by_exception
+from wil_campaign.orchestrator.model import clock
+from wil_campaign.orchestrator.model.exit_codes import exit_code
+from wil_campaign.orchestrator.model.faults import fault_log
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run.flight.run import Disturb, fly
+from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 _VEHICLE = (
     "{link: embedded, autopilot: px4, "
@@ -162,7 +163,7 @@ class Flights:
                 result = fly(setup, lambda _: None, Nobody(), disturb=watch)
             except BaseException as error:  # noqa: BLE001 - a worker takes whatever it was
                 lost = _lost_by_exception(error)
-                raised, result = lost.reason, lost_result(self._plan, lost)
+                raised, result = lost.reason, lost_result(self._plan, lost, folder)
                 fault_log(folder / "log.jsonl")(lost.fault)
         up = [
             name
@@ -181,6 +182,12 @@ class Flights:
             log=tuple(json.loads(line) for line in lines),
             happened=probe.raised,
         )
+
+
+def print_count(where: str, *, injected: int, happened: int, points: int) -> None:
+    """Print how many of the possible exceptions were raised; `pytest -rP` shows it."""
+    line = f"{where}: {injected} of {points} injections made, {happened} of them raised"
+    sys.stdout.write(f"{line}\n")
 
 
 def injections_of(probe: Probe) -> list[Injection]:

@@ -14,11 +14,6 @@ from pathlib import Path
 from typing import Any, Literal
 from unittest import mock
 
-from orchestrator.model.faults import Faults, fault_log
-from safety.fence.geofence import Fence
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.operator.operator_socket import POINTER
-from safety.guard.process import guard_launch
 from tests.faults.exceptions.injection import (
     InjectingWallLoop,
     Injection,
@@ -27,10 +22,15 @@ from tests.faults.exceptions.injection import (
     protocols_pass_by,
 )
 from tests.safety.guard.remote_rigs import ROOT, SYSTEMS, RemoteFlight, until, words
-from vehicles.errors import VehicleError
-from vehicles.poses.anchor import Anchor
-from vehicles.processes.child import ChildProcess
-from vehicles.tasks import TaskAccount
+from wil_campaign.orchestrator.model.faults import Faults, fault_log
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.operator.operator_socket import POINTER
+from wil_campaign.safety.guard.process import guard_launch
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.vehicles.processes.child import ChildProcess
+from wil_campaign.vehicles.tasks import TaskAccount
 
 Side = Literal["guard", "orchestrator"]
 _WIDE = Fence.box(north_m=(-9, 9), east_m=(-9, 9), up_m=(-1, 6))
@@ -114,7 +114,10 @@ def _instrumented(*, argv: tuple[str, ...], **more: Any) -> ChildProcess:
     """Make the guard's process that of `guard_program`."""
     program = "tests.faults.exceptions.guard_program"
     return ChildProcess(
-        argv=tuple(program if word == "safety.guard.process" else word for word in argv), **more
+        argv=tuple(
+            program if word == "wil_campaign.safety.guard.process" else word for word in argv
+        ),
+        **more,
     )
 
 

@@ -13,8 +13,8 @@ import sys
 from base64 import b64decode
 from pathlib import Path
 
-from safety.guard.process.guard_process import GuardProcess
 from tests.faults.exceptions.injection import InjectingWallLoop, Probe, protocols_pass_by
+from wil_campaign.safety.guard.process.guard_process import GuardProcess
 
 
 def main(arguments: list[str]) -> int:

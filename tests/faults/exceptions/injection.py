@@ -18,13 +18,15 @@ from types import CodeType, FrameType
 from typing import Any, Literal, TypeVarTuple
 from unittest import mock
 
-from orchestrator.model.clock import VirtualLoop
+from wil_campaign.orchestrator.model.clock import VirtualLoop
 
 _Ts = TypeVarTuple("_Ts")
 
 ROOT = Path(__file__).parents[3]
-PACKAGES = ("campaigns", "orchestrator", "recipes", "safety", "vehicles", "worlds")
-_OURS = tuple(f"{ROOT / name}/" for name in PACKAGES)
+PACKAGES = ("campaigns", "orchestrator", "plugins", "recipes", "safety", "vehicles", "worlds")
+_HOME = f"{ROOT / 'wil_campaign'}/"
+_OURS = tuple(f"{_HOME}{name}/" for name in PACKAGES)
+"""Where our code is by the name by which it is imported; places are told without it."""
 _ASYNC = inspect.CO_COROUTINE | inspect.CO_GENERATOR | inspect.CO_ASYNC_GENERATOR
 
 _OF_PROTOCOLS = {
@@ -179,6 +181,8 @@ def _passing(callback: Any, probe: Probe) -> Any:
         if error is not None:
             raise error
 
+    # Ours, for what tells our errors from those of the autonomy's own callbacks by their file.
+    called.__code__ = called.__code__.replace(co_filename="<injection>")
     return called
 
 
@@ -225,7 +229,7 @@ def _code_of(callback: Any) -> CodeType | None:
 
 
 def _place(code: CodeType, line: int) -> str:
-    path = code.co_filename.removeprefix(f"{ROOT}/")
+    path = code.co_filename.removeprefix(_HOME)
     return f"{path}:{line} {code.co_qualname}"
 
 
@@ -241,7 +245,7 @@ def calls_pass_by(probe: Probe, *, but: tuple[str, ...] = ()) -> Iterator[None]:
 
     but: folders and files whose functions are left out.
     """
-    left_out = tuple(str(ROOT / one) for one in but)
+    left_out = tuple(f"{_HOME}{one}" for one in but)
     known: dict[CodeType, str] = {}
     wanted = probe.injection
 

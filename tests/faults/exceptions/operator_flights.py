@@ -12,16 +12,6 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from campaigns.setup.operator_setup import MqttSetup
-from campaigns.values.broker_address import BrokerAddress
-from orchestrator.campaign.folder.campaign_folder import OutputError
-from orchestrator.model.faults import Faults, fault_log
-from orchestrator.operator.campaign_controller import CampaignController
-from orchestrator.operator.embedded_broker import embedded_broker
-from orchestrator.operator.errors import OperatingError
-from orchestrator.operator.mqtt import mqtt_operating
-from orchestrator.operator.operator_channels import open_operator_channels
-from safety.guard.operator.operator_socket import POINTER
 from tests.faults.exceptions.injection import (
     InjectingWallLoop,
     Injection,
@@ -30,9 +20,19 @@ from tests.faults.exceptions.injection import (
     protocols_pass_by,
 )
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
-from tests.orchestrator.operator.test_mqtt_operator import ACCESS, SECRETS, Person
+from tests.plugins.mqtt.test_mqtt_operator import ACCESS, SECRETS, Person
 from tests.ports import free_port
-from vehicles.tasks import TaskAccount
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
+from wil_campaign.orchestrator.model.faults import Faults, fault_log
+from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
+from wil_campaign.orchestrator.operator.errors import OperatingError
+from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
+from wil_campaign.plugins.mqtt.broker_address import BrokerAddress
+from wil_campaign.plugins.mqtt.embedded_broker import embedded_broker
+from wil_campaign.plugins.mqtt.mqtt_operator import mqtt_operating
+from wil_campaign.plugins.mqtt.mqtt_setup import MqttSetup
+from wil_campaign.safety.guard.operator.operator_socket import POINTER
+from wil_campaign.vehicles.tasks import TaskAccount
 
 _PATIENCE_S = 10.0
 

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 import pytest
 
-from tests.faults.exceptions.flights import injections_of
+from tests.faults.exceptions.flights import injections_of, print_count
 from tests.faults.exceptions.guard_flights import GuardFlights
 from tests.faults.exceptions.injection import Injection, Point, Probe
 from tests.faults.exceptions.operator_flights import OperatorFlights
@@ -92,10 +92,13 @@ def test_no_exception_is_lost(short_folder: Path, side: str) -> None:
     assert undisturbed.reported == []
     lost: dict[Injection, list[str]] = {}
     happened = 0
-    for injection in sample(injections_at(side, undisturbed.counts)):
+    injections = injections_at(side, undisturbed.counts)
+    chosen = sample(injections)
+    for injection in chosen:
         outcome = flown.fly(injection)
         happened += outcome.happened
         if outcome.faults:
             lost[injection] = outcome.faults
+    print_count(side, injected=len(chosen), happened=happened, points=len(injections))
     assert lost == {}
     assert happened

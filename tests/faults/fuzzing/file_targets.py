@@ -11,32 +11,32 @@ import trimesh
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from campaigns.expansion.expansion import load_campaign
-from orchestrator.analysis.history.records import HistoryFileError, read_records
-from orchestrator.analysis.reading.results_folder import UnreadableError
-from orchestrator.analysis.reading.trajectory_file import read_trajectory
-from orchestrator.model.results_reader import ResultError, read_result
-from orchestrator.offline.errors import OfflineError
-from orchestrator.offline.recorded_inputs import items
-from orchestrator.report.reading.event_log import read_event_log
-from orchestrator.report.reading.recorded_sights import read_sights
-from recipes.language.paper_xml import parse_paper_xml
-from recipes.language.recipe_document import load_recipe
-from safety.evaluation.judge_log import JudgeLogError, read_judge_log
-from safety.fence.fence_files import read_fence_file
-from safety.stl.formula import StlError
-from safety.stl.parser import parse_stl
 from tests.campaigns.conftest import CAMPAIGN, Files
 from tests.faults.fuzzing.targets import Prepared, Target, by_file
 from tests.orchestrator.report.recorded_campaign import write_campaign
-from vehicles.embedded.profile import ProfileError, load_profile
-from vehicles.perception.detector import DetectorError, OnnxDetector
-from vehicles.sources.camera_source import SourceError
-from vehicles.sources.cameras.image_files import VideoFile
-from worlds.files.documents import BadInput, load, parse
-from worlds.files.images import ImageError, decode_image
-from worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
-from worlds.world_file.world import World
+from wil_campaign.campaigns.expansion.expansion import load_campaign
+from wil_campaign.orchestrator.model.results_reader import ResultError, read_result
+from wil_campaign.orchestrator.reading.results_folder import UnreadableError
+from wil_campaign.orchestrator.reading.trajectory_file import read_trajectory
+from wil_campaign.orchestrator.report.reading.event_log import read_event_log
+from wil_campaign.orchestrator.report.reading.recorded_sights import read_sights
+from wil_campaign.plugins.offline.errors import OfflineError
+from wil_campaign.plugins.offline.recorded_inputs import items
+from wil_campaign.plugins.paper_xml.paper_xml import parse_paper_xml
+from wil_campaign.plugins.statistics.history.records import HistoryFileError, read_records
+from wil_campaign.plugins.stl.formula import StlError
+from wil_campaign.plugins.stl.parser import parse_stl
+from wil_campaign.recipes.language.recipe_document import load_recipe
+from wil_campaign.safety.evaluation.judge_log import JudgeLogError, read_judge_log
+from wil_campaign.safety.fence.fence_files import read_fence_file
+from wil_campaign.vehicles.embedded.profile import ProfileError, load_profile
+from wil_campaign.vehicles.perception.detector import DetectorError, OnnxDetector
+from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.vehicles.sources.cameras.image_files import VideoFile
+from wil_campaign.worlds.files.documents import BadInput, load, parse
+from wil_campaign.worlds.files.images import ImageError, decode_image
+from wil_campaign.worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
+from wil_campaign.worlds.world_file.world import World
 
 ROOT = Path(__file__).parents[3]
 _FORMULAS = (

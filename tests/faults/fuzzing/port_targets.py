@@ -8,25 +8,25 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.operator.message_signing import signed
-from orchestrator.operator.mqtt_commands import CommandReader, RefusedCommandError
-from safety.fence.geofence import Fence
-from safety.guard.core.events import GuardedVehicle, ToVehicle
-from safety.guard.core.guard_core import GuardCore
-from safety.guard.operator.operator_lines import RefusedLineError, parse_line
 from tests.faults.fuzzing.targets import Prepared, Target
-from vehicles.autopilots.ardupilot import ArduCopter
-from vehicles.autopilots.autopilot import Mode, command_long
-from vehicles.autopilots.autopilot import Target as Addressed
-from vehicles.autopilots.px4 import Px4
-from vehicles.mavlink.codec import Codec
-from vehicles.mavlink.framing import checksum
-from vehicles.sources.messagepack import BadMessageError, pack
-from vehicles.sources.mocap.motion_capture import PROTOCOL, decode_frame
-from vehicles.sources.simulator.simulator_protocol import PROTOCOL as SIMULATOR
-from vehicles.sources.simulator.simulator_protocol import Ask, image_of, welcome_of
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
+from wil_campaign.plugins.mqtt.message_signing import signed
+from wil_campaign.plugins.mqtt.mqtt_commands import CommandReader, RefusedCommandError
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.events import GuardedVehicle, ToVehicle
+from wil_campaign.safety.guard.core.guard_core import GuardCore
+from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError, parse_line
+from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
+from wil_campaign.vehicles.autopilots.autopilot import Mode, command_long
+from wil_campaign.vehicles.autopilots.autopilot import Target as Addressed
+from wil_campaign.vehicles.autopilots.px4 import Px4
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.framing import checksum
+from wil_campaign.vehicles.sources.messagepack import BadMessageError, pack
+from wil_campaign.vehicles.sources.mocap.motion_capture import PROTOCOL, decode_frame
+from wil_campaign.vehicles.sources.simulator.simulator_protocol import PROTOCOL as SIMULATOR
+from wil_campaign.vehicles.sources.simulator.simulator_protocol import Ask, image_of, welcome_of
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 _NOW_S = 1_763_739_600.0
 _KINDS = ("abort", "hold", "resume", "geofence")

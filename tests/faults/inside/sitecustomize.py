@@ -1,9 +1,10 @@
 """Loaded by every Python process of a flight under fault, by PYTHONPATH: nothing of the product.
 
-Inside an embedded vehicle's process it tells the harness the truth by UDP, ten times a second and
-at its end: no file of the product's and no disk has a part in it. In all it makes the wall clock
-one that can be stepped: by the seconds that stand in a file. Where libfaketime steps it, time.sleep
-is replaced: that library refuses its deadlines on the monotonic clock (0.9.10: EINVAL).
+Inside an embedded vehicle's process, started or forked, it tells the harness the truth by UDP, ten
+times a second and at its end: no file of the product's and no disk has a part in it. In all it
+makes the wall clock one that can be stepped: by the seconds that stand in a file. Where libfaketime
+steps it, time.sleep is replaced: that library refuses its deadlines on the monotonic clock (0.9.10:
+EINVAL).
 """
 
 import json
@@ -15,6 +16,8 @@ import time
 from pathlib import Path
 
 _EVERY_TICKS = 12
+_VEHICLES = {"wil_campaign.vehicles.embedded", "wil_campaign.vehicles.vehicle_server"}
+"""Programs that are vehicles, or of which vehicles are forked."""
 
 
 def _step_clock(step: Path) -> None:
@@ -31,9 +34,9 @@ def _step_clock(step: Path) -> None:
 
 
 def _tell_truth(port: int) -> None:
-    from vehicles.embedded.vehicle import EmbeddedVehicle
+    from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 
-    teller = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    tellers: list[socket.socket] = []  # of this process: a fork has none of its server's
     ticks = 0
 
     def tell(self: EmbeddedVehicle) -> None:
@@ -43,7 +46,9 @@ def _tell_truth(port: int) -> None:
             "place": [*truth.pose.position_ned_m, truth.velocity_ned_m_s[2]],
             "armed": self.autopilot.flight.armed,
         }
-        teller.sendto(json.dumps(said).encode(), ("127.0.0.1", port))
+        if not tellers:
+            tellers.append(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        tellers[0].sendto(json.dumps(said).encode(), ("127.0.0.1", port))
 
     tick, kill = EmbeddedVehicle._tick, EmbeddedVehicle.kill
 
@@ -72,5 +77,5 @@ if "libfaketime" in os.environ.get("LD_PRELOAD", ""):
     setattr(time, "sleep", _sleep)  # noqa: B010  # a function is replaced
 if "WIL_FAULTS_STEP" in os.environ:
     _step_clock(Path(os.environ["WIL_FAULTS_STEP"]))
-    if "vehicles.embedded" in sys.orig_argv:
+    if _VEHICLES & set(sys.orig_argv):
         _tell_truth(int(os.environ["WIL_FAULTS_PORT"]))

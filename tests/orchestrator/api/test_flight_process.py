@@ -7,19 +7,24 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from campaigns.expansion.expansion import Campaign
-from orchestrator.api import flight_process
-from orchestrator.api.flight_messages import (
+from wil_campaign.orchestrator.api import flight_process
+from wil_campaign.orchestrator.api.flight_messages import (
     CampaignEnded,
     FlightRequest,
     Message,
     encode_line,
 )
-from orchestrator.api.flight_process import MessageWatcher, _fly_to_end, _stop_at_end
-from orchestrator.campaign.campaign_runner import CampaignOutcome, FlyingSettings, Watcher
+from wil_campaign.orchestrator.api.flight_process import MessageWatcher, _fly_to_end, _stop_at_end
+from wil_campaign.orchestrator.campaign.campaign_runner import (
+    CampaignOutcome,
+    Watcher,
+)
+from wil_campaign.orchestrator.campaign.flight_options import USUAL
+from wil_campaign.orchestrator.cli.run_selection import ALL
 
 
 class BrokenInput(io.BytesIO):
@@ -39,26 +44,7 @@ def test_all_vehicles_land_when_the_input_ends_has_a_line_or_breaks(
     assert sent == [(os.getpid(), signal.SIGINT)]
 
 
-REQUEST = FlightRequest(
-    file="gate.yaml",
-    cases=(),
-    modes=(),
-    repetitions=None,
-    seed=None,
-    sets=(),
-    runs=None,
-    out="out",
-    clock=None,
-    jobs=None,
-    junit=None,
-    resume=False,
-    arm=True,
-    arm_real=False,
-    arm_actors=False,
-    engine="local",
-    store="",
-    bench_files=(),
-)
+REQUEST = FlightRequest(file=Path("gate.yaml"), choice=ALL, options=USUAL)
 TEXTS = [f"{number}: " + 1000 * "x" for number in range(200)]
 """More than a pipe holds."""
 
@@ -69,10 +55,11 @@ def test_a_program_that_does_not_read_keeps_no_campaign_from_landing(
     flown = threading.Event()
 
     @contextmanager
-    def ready(order: object) -> Iterator[tuple[None, None]]:
+    def ready(*_: object) -> Iterator[tuple[None, None]]:
         yield None, None
 
-    def fly(campaign: Campaign, settings: FlyingSettings, watcher: Watcher) -> CampaignOutcome:
+    def fly(*arguments: Any) -> CampaignOutcome:
+        watcher: Watcher = arguments[-1]
         for text in TEXTS:
             watcher.say(text)
         flown.set()

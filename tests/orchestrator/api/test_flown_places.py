@@ -2,19 +2,19 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 import wil_campaign
-from orchestrator.api import flying, pytest_items
-from orchestrator.campaign.folder.bench_lock import held_benches
-from tests.orchestrator.api.test_pytest_plugin import ARGUMENTS
 from tests.orchestrator.conftest import workers_forked
-from tests.orchestrator.engines.bench.test_bench_engine import BENCH, write_bench, write_campaign
-from tests.orchestrator.engines.bench.test_bench_flight import vehicle_at
 from tests.orchestrator.hover import write_hover
+from tests.plugins.cluster.bench.test_bench_engine import BENCH, write_bench, write_campaign
+from tests.plugins.cluster.bench.test_bench_flight import vehicle_at
+from tests.plugins.pytest.test_pytest_plugin import ARGUMENTS
 from tests.ports import free_port
+from wil_campaign.orchestrator.api import flying
+from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
+from wil_campaign.plugins.pytest import pytest_items
 
 
 def refusal(fly: Callable[[], object]) -> tuple[str, int]:
@@ -105,10 +105,11 @@ def test_pytest_takes_benches_and_an_engine(
 ) -> None:
     write_campaign(inner.path)
     write_bench(inner.path)
-    given: list[dict[str, Any]] = []
+    given: list[tuple[str, bool, list[str]]] = []
 
-    def refuse(campaign: wil_campaign.Campaign, **options: Any) -> None:
-        given.append({**options, "benches": [bench.name for bench in campaign.options.benches]})
+    def refuse(campaign: wil_campaign.Campaign, options: wil_campaign.FlightOptions) -> None:
+        benches = [bench.name for bench in campaign.options.benches]
+        given.append((options.engine, options.arm_real, benches))
         raise wil_campaign.CannotFlyError("not now", 2)
 
     monkeypatch.setattr(pytest_items, "run", refuse)
@@ -119,5 +120,4 @@ def test_pytest_takes_benches_and_an_engine(
     over = inner.runpytest_inprocess(*words, "--wil-engine", "ray://127.0.0.1:1")
     over.stdout.fnmatch_lines(["*pytest names runs before a bench of a cluster is known*"])
     inner.runpytest_inprocess(*words, *bench, "--wil-engine", "ray").assert_outcomes(errors=2)
-    (asked,) = given
-    assert (asked["engine"], asked["arm_real"], asked["benches"]) == ("ray", False, ["hall-a"])
+    assert given == [("ray", False, ["hall-a"])]

@@ -20,7 +20,7 @@ from pymavlink import mavutil
 
 import wil_campaign
 from tests.orchestrator.api.test_python_docs import BLOCKS
-from vehicles.faults import FaultError
+from wil_campaign.vehicles.faults import FaultError
 
 WITHIN_S = 30.0
 
@@ -168,7 +168,7 @@ def test_the_fixture_in_a_session_of_pytest(pytester: pytest.Pytester) -> None:
     )
     result = pytester.runpytest_subprocess(
         *("-p", "no:cacheprovider", "-p", "no:wil-campaign"),
-        *("-p", "orchestrator.api.pytest_plugin", "-n", "2"),
+        *("-p", "wil_campaign.plugins.pytest.pytest_plugin", "-n", "2"),
     )
     result.assert_outcomes(passed=1, failed=2)
     result.stdout.fnmatch_lines(

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 import wil_campaign
-from orchestrator.api import flying
-from orchestrator.api.flight_messages import FlightRequest
-from tests.orchestrator.api.test_pytest_plugin import write_cases
+from tests.plugins.pytest.test_pytest_plugin import write_cases
 from tests.test_house import ROOT
+from wil_campaign.orchestrator.api import flying
+from wil_campaign.orchestrator.api.flight_messages import FlightRequest
 
 PAGE = (ROOT / "docs" / "python.md").read_text("utf-8")
 BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)

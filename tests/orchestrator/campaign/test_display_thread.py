@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from orchestrator.campaign import display_thread
-from orchestrator.campaign.display_thread import DisplayThread
-from orchestrator.cli.progress_display import SilentDisplay
-from orchestrator.model.progress import Progress
+from wil_campaign.orchestrator.campaign import display_thread
+from wil_campaign.orchestrator.campaign.display_thread import DisplayThread
+from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
+from wil_campaign.orchestrator.model.progress import Progress
 
 
 @dataclass

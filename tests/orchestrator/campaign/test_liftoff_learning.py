@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.expansion.expansion import Campaign, Options, load_campaign
-from orchestrator.campaign.liftoff_learning import LiftoffLearning
-from orchestrator.model.clock import Clock
-from orchestrator.model.results import SyncResult
-from orchestrator.state.run_setup import RunOrder
 from tests.orchestrator.model.test_results import result
+from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.orchestrator.campaign.liftoff_learning import LiftoffLearning
+from wil_campaign.orchestrator.model.clock import Clock
+from wil_campaign.orchestrator.model.results import SyncResult
+from wil_campaign.orchestrator.state.run_setup import RunOrder
 
 ROOT = Path(__file__).parents[3]
 
@@ -35,7 +35,7 @@ def test_a_run_of_the_pair_teaches_the_next_one(campaign: Campaign) -> None:
     assert known(campaign, "wall", "wil", **measured_s) == measured_s
 
 
-def test_who_flies_alone_teaches_nothing(campaign: Campaign) -> None:
+def test_a_vehicle_that_flies_alone_teaches_nothing(campaign: Campaign) -> None:
     """An ArduCopter alone took 3.13 s, its motors' 2 s among them; of a pair it takes 1.3 s."""
     assert known(campaign, "wall", "sim", twin=3.13) == {}
 

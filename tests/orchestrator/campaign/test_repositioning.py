@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.campaign.repositioning import Repositioning
-from orchestrator.model.clock import run_virtual
-from safety.guard.core.operator_command import OperatorCommand
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
+from wil_campaign.orchestrator.campaign.repositioning import Repositioning
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 
 def test_nothing_is_begun_until_somebody_resumes(tmp_path: Path) -> None:

@@ -7,20 +7,24 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.expansion.expansion import load_campaign
-from orchestrator.campaign.campaign_runner import CampaignOutcome, FlyingSettings, fly_campaign
-from orchestrator.campaign.workers import run_engine
-from orchestrator.cli.progress_display import SilentDisplay
-from orchestrator.model.attempts import after_attempts
-from orchestrator.model.document_writer import to_json, write_whole
-from orchestrator.model.operator_command import Inbox
-from orchestrator.model.progress import Report
-from orchestrator.model.results import RunResult
-from orchestrator.model.results_reader import read_summary
-from orchestrator.state.run_setup import RunOrder
-from safety.model.oracle_results import Verdict
 from tests.orchestrator.campaign.resuming.test_resumption import quick_fly, result_of
 from tests.orchestrator.hover import write_hover
+from wil_campaign.campaigns.expansion.expansion import load_campaign
+from wil_campaign.orchestrator.campaign.campaign_runner import (
+    CampaignOutcome,
+    fly_campaign,
+)
+from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.workers import run_engine
+from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
+from wil_campaign.orchestrator.model.attempts import after_attempts
+from wil_campaign.orchestrator.model.document_writer import to_json, write_whole
+from wil_campaign.orchestrator.model.operator_command import Inbox
+from wil_campaign.orchestrator.model.progress import Report
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.model.results_reader import read_summary
+from wil_campaign.orchestrator.state.run_setup import RunOrder
+from wil_campaign.safety.model.oracle_results import Verdict
 
 pytestmark = pytest.mark.usefixtures("forked_workers")
 
@@ -88,8 +92,9 @@ def invalid_before_others(order: RunOrder, report: Report, inbox: Inbox) -> RunR
 
 
 def fly(path: Path, *, jobs: int = 1) -> CampaignOutcome:
-    settings = FlyingSettings(out=path.parent / "out", clock="virtual", jobs=jobs)
-    return fly_campaign(load_campaign(path), settings, SilentDisplay())
+    options = FlightOptions(out=path.parent / "out")
+    cleared = Cleared("virtual", jobs)
+    return fly_campaign(load_campaign(path), options, cleared, SilentDisplay())
 
 
 @pytest.mark.parametrize(
@@ -141,7 +146,8 @@ def test_each_part_of_a_composition_has_the_retries_of_its_own_file(
     outcome = fly(whole)
     flown = {run.case: (run.verdict, len(run.attempts)) for run in outcome.summary.runs}
     assert flown == {"one.default": ("INVALID", 0), "other.default": ("PASS", 1)}
-    settings = FlyingSettings(out=tmp_path / "out", clock="virtual", jobs=1, resume=True)
-    again = fly_campaign(load_campaign(whole), settings, SilentDisplay())
+    options = FlightOptions(out=tmp_path / "out", resume=True)
+    cleared = Cleared("virtual", 1)
+    again = fly_campaign(load_campaign(whole), options, cleared, SilentDisplay())
     assert replace(again, exit_code=0) == replace(outcome, exit_code=0)
     assert again.exit_code == outcome.exit_code == 3

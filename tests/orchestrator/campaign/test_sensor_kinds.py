@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.campaign.sensor_kinds import sensor_kinds
-from orchestrator.model.campaign_results import SensorKind
 from tests.orchestrator.wall import write_wall
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.campaign.sensor_kinds import sensor_kinds
+from wil_campaign.orchestrator.model.campaign_results import SensorKind
 
 CAMERA = "{type: camera, rate_hz: 15, width_px: 320, height_px: 240, fov_deg: 69}"
 SENSORS = f"{{lidar: {{type: lidar}}, gps: {{type: gps}}, camera: {CAMERA}}}"

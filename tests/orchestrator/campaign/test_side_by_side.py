@@ -39,7 +39,7 @@ def runtime() -> Iterator[Path]:
 
 async def flown(campaign: Path, runtime: Path, *arguments: str) -> Ended:
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "orchestrator.cli", "run", str(campaign), "--clock", "virtual"),
+        *(sys.executable, "-m", "wil_campaign", "run", str(campaign), "--clock", "virtual"),
         *("--out", str(campaign.parent / "out"), "--repetitions", "1", "--json", *arguments),
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,

@@ -8,25 +8,25 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.campaign import display_thread
-from orchestrator.campaign.campaign_runner import (
+from tests.orchestrator.campaign.resuming.test_resumption import result_of
+from tests.orchestrator.hover import write_hover
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.campaign import display_thread
+from wil_campaign.orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
-    FlyingSettings,
     Watcher,
     fly_campaign,
 )
-from orchestrator.campaign.display_thread import DisplayThread
-from orchestrator.campaign.workers import run_engine
-from orchestrator.campaign.workers.run_output import OUTPUT_FILE
-from orchestrator.cli.progress_display import LineDisplay, SilentDisplay
-from orchestrator.model.document_writer import to_json, write_whole
-from orchestrator.model.operator_command import Inbox
-from orchestrator.model.progress import Report
-from orchestrator.model.results import RunResult
-from orchestrator.state.run_setup import RunOrder
-from tests.orchestrator.campaign.resuming.test_resumption import result_of
-from tests.orchestrator.hover import write_hover
+from wil_campaign.orchestrator.campaign.display_thread import DisplayThread
+from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.workers import run_engine
+from wil_campaign.orchestrator.campaign.workers.run_output import OUTPUT_FILE
+from wil_campaign.orchestrator.cli.progress_display import LineDisplay, SilentDisplay
+from wil_campaign.orchestrator.model.document_writer import to_json, write_whole
+from wil_campaign.orchestrator.model.operator_command import Inbox
+from wil_campaign.orchestrator.model.progress import Report
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.state.run_setup import RunOrder
 
 pytestmark = pytest.mark.usefixtures("forked_workers")
 
@@ -55,8 +55,9 @@ def fail_with_output(order: RunOrder, report: Report, inbox: Inbox) -> RunResult
 def fly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, watcher: Watcher) -> CampaignOutcome:
     monkeypatch.setattr(run_engine, "fly_order", fail_with_output)
     campaign = load_campaign(write_hover(tmp_path), Options(repetitions=3))
-    settings = FlyingSettings(out=tmp_path / "out", clock="virtual", jobs=1)
-    return fly_campaign(campaign, settings, watcher)
+    options = FlightOptions(out=tmp_path / "out")
+    cleared = Cleared("virtual", 1)
+    return fly_campaign(campaign, options, cleared, watcher)
 
 
 def test_the_output_of_a_run_is_shown_as_it_is(

@@ -2,6 +2,8 @@
 
 import asyncio
 import io
+import os
+import pwd
 import re
 import socket
 import sys
@@ -9,18 +11,24 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from campaigns.expansion.expansion import Campaign, Options, load_campaign
-from campaigns.setup.bench_file import load_benches
-from orchestrator.cli import arming_consent, main
-from orchestrator.cli.arming_consent import Cleared, RefusedError, clear, require_may_arm
 from tests.ports import free_port
-from vehicles.mavlink.codec import Codec
+from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.campaigns.setup.bench_file import load_benches
+from wil_campaign.orchestrator.campaign.flight_options import USUAL, Cleared, FlightOptions
+from wil_campaign.orchestrator.cli import arming_consent, main
+from wil_campaign.orchestrator.cli.arming_consent import (
+    RefusedError,
+    clear,
+    require_may_arm,
+)
+from wil_campaign.vehicles.mavlink.codec import Codec
 
 ROOT = Path(__file__).parents[3]
 LINK = "vehicles.real.link=udpin://127.0.0.1:%d"
@@ -88,16 +96,15 @@ class Speaker:
 
 
 def refused(*sets: str, **options: Any) -> RefusedError:
-    given: dict[str, Any] = {"clock": None, "jobs": None, "arm": True, "arm_real": True}
     with pytest.raises(RefusedError) as caught:
-        clear(campaign(*sets), **{**given, **options})
+        clear(campaign(*sets), FlightOptions(**{"arm_real": True, **options}))
     return caught.value
 
 
 def test_embedded_vehicles_need_nobody_s_leave() -> None:
-    cleared = clear(campaign(), clock=None, jobs=3, arm=True, arm_real=False)
+    cleared = clear(campaign(), FlightOptions(jobs=3))
     assert cleared == Cleared("virtual", 3, "embedded")
-    assert clear(campaign(), clock="wall", jobs=None, arm=True, arm_real=False).clock == "wall"
+    assert clear(campaign(), FlightOptions(clock="wall")).clock == "wall"
     assert refused(jobs=0).code == 2
 
 
@@ -116,9 +123,7 @@ def test_what_is_refused_without_touching_anything(options: dict[str, Any], said
 
 
 def test_a_vehicle_that_does_not_fly_is_not_asked_for() -> None:
-    cleared = clear(
-        campaign(LINK % 14540, mode="sim"), clock=None, jobs=None, arm=True, arm_real=False
-    )
+    cleared = clear(campaign(LINK % 14540, mode="sim"), FlightOptions())
     assert cleared.clock == "virtual"
 
 
@@ -127,7 +132,7 @@ def test_a_port_where_nobody_speaks_is_reported_within_seconds() -> None:
     flown = campaign(LINK % port)
     began_s = time.monotonic()
     with pytest.raises(RefusedError) as caught:
-        clear(flown, clock=None, jobs=None, arm=True, arm_real=True)
+        clear(flown, FlightOptions(arm_real=True))
     error = caught.value
     assert error.code == 3
     assert f"udpin://127.0.0.1:{port}: no px4 multicopter with system id 1 within 5 s" in str(error)
@@ -171,7 +176,7 @@ def _armed(speaker: Speaker) -> None:
         (1, _armed, "real is armed already"),
     ],
 )
-def test_who_answers_instead_is_named(
+def test_another_vehicle_that_answers_instead_is_named(
     system: int, make: Callable[[Speaker], None], said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Who answers ends the wait; the others are named when it is over.
@@ -204,7 +209,7 @@ def test_a_campaign_has_one_kind_of_real_vehicle() -> None:
         ),
     )
     with Speaker(port).speaking(), pytest.raises(RefusedError) as caught:
-        clear(mixed, clock=None, jobs=None, arm=True, arm_real=True)
+        clear(mixed, FlightOptions(arm_real=True))
     assert caught.value.code == 2
     assert "real is hardware in board and embedded in model" in str(caught.value)
     assert "by --case" in str(caught.value)
@@ -238,7 +243,7 @@ def test_a_person_at_a_terminal_is_asked(
     speaker = Speaker(port)
     with speaker.speaking():
         if armed:
-            cleared = clear(campaign(LINK % port), clock=None, jobs=None, arm=True, arm_real=True)
+            cleared = clear(campaign(LINK % port), FlightOptions(arm_real=True))
             assert cleared == Cleared("wall", 1, "hardware", "real")
         else:
             assert "not confirmed" in str(refused(LINK % port))
@@ -270,7 +275,7 @@ def two_boards() -> Iterator[Campaign]:
 
 
 def clear_both(flown: Campaign) -> Cleared:
-    return clear(flown, clock=None, jobs=None, arm=True, arm_real=True, arm_actors=True)
+    return clear(flown, FlightOptions(arm_real=True, arm_actors=True))
 
 
 @pytest.mark.parametrize(
@@ -281,9 +286,9 @@ def clear_both(flown: Campaign) -> Cleared:
     ],
 )
 def test_pair_and_actors_are_armed_by_words_of_their_own(given: dict[str, bool], said: str) -> None:
-    options = {"arm_real": False, "arm_actors": False, **given}
+    options = replace(USUAL, **given)  # type: ignore[arg-type]  # by name
     with pytest.raises(RefusedError, match=said) as caught:
-        clear(actor_campaign(14550, 14560), clock=None, jobs=None, arm=True, **options)
+        clear(actor_campaign(14550, 14560), options)
     assert caught.value.code == 2
 
 
@@ -333,12 +338,12 @@ def test_the_program_says_it_in_one_line(
 
 def test_the_driver_may_be_given_whose_link_it_is() -> None:
     """Two vehicles on one link: the one that was asked for is found."""
-    from orchestrator.model.clock import run_virtual
     from tests.vehicles.links.test_redundant import TwoRadios
-    from vehicles.driver import Driver
-    from vehicles.embedded.physics.config import EmbeddedConfig
-    from vehicles.embedded.vehicle import EmbeddedVehicle
-    from vehicles.links.memory import memory_pair
+    from wil_campaign.orchestrator.model.clock import run_virtual
+    from wil_campaign.vehicles.driver import Driver
+    from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+    from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+    from wil_campaign.vehicles.links.memory import memory_pair
 
     async def scenario() -> int:
         one, far_one = memory_pair()
@@ -355,3 +360,44 @@ def test_the_driver_may_be_given_whose_link_it_is() -> None:
             return (await driver.identify(5.0)).system_id
 
     assert run_virtual(scenario()) == 2
+
+
+def test_without_a_place_for_backups_no_attached_vehicle_is_armed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def unknown(uid: int) -> None:
+        raise KeyError(uid)
+
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    said = str(refused(LINK % 14540))
+    assert "cannot be backed up" in said
+    assert said.endswith("set XDG_STATE_HOME to a folder that outlives a reboot")
+    monkeypatch.delenv("XDG_STATE_HOME")
+    monkeypatch.delenv("HOME", raising=False)
+    monkeypatch.setattr(pwd, "getpwuid", unknown)
+    monkeypatch.setattr("wil_campaign.orchestrator.cli.arming_consent.user_name", lambda: "1")
+    said = str(refused(LINK % 14540))
+    assert "has no home folder for the backups" in said
+
+
+def test_without_jsbsim_a_campaign_of_attached_vehicles_is_cleared_and_no_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As on Linux on ARM, where there is no package of it."""
+    monkeypatch.setattr(arming_consent, "find_spec", lambda name: None)
+    with pytest.raises(RefusedError, match=r"real and twin: .* attach or launch") as caught:
+        clear(campaign(), USUAL)
+    assert caught.value.code == 2
+    with pytest.raises(RefusedError, match="armed only with --arm-real"):
+        clear(
+            campaign(
+                LINK % 14540,
+                "modes=[real]",
+                "accept={large: {real: 5/5}}",
+                "controls={}",
+                mode="real",
+            ),
+            USUAL,
+        )

@@ -2,16 +2,16 @@
 
 from dataclasses import replace
 
-from orchestrator.cli.external_lines import external_lines
-from orchestrator.model.external_results import (
+from wil_campaign.orchestrator.cli.external_lines import external_lines
+from wil_campaign.orchestrator.model.external_results import (
     CaptureResult,
     ExternalResult,
     InjectedResult,
     OutletResult,
     SourceResult,
 )
-from orchestrator.model.results import RunResult, SyncResult
-from vehicles.sources.mocap.feed_statistics import FeedStatistics
+from wil_campaign.orchestrator.model.results import RunResult, SyncResult
+from wil_campaign.vehicles.sources.mocap.feed_statistics import FeedStatistics
 
 FEED = FeedStatistics(2000, 100.0, 4.0, 6.0, 2, 1, 0, 1, 0.05)
 OUTSIDE = ExternalResult(

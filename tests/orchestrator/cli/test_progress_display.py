@@ -15,14 +15,14 @@ import pytest
 from rich.console import Console
 from rich.table import Table
 
-from orchestrator.cli.progress_display import (
+from tests.orchestrator.operator.controllers import FakeFleet, make_controller
+from wil_campaign.orchestrator.cli.progress_display import (
     LineDisplay,
     TerminalDisplay,
     display_of,
     plain_console,
 )
-from safety.guard.core.operator_command import OperatorCommand
-from tests.orchestrator.operator.controllers import FakeFleet, make_controller
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 TEXTS = (
     "  [/talker] stopped",

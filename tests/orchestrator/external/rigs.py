@@ -5,10 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from vehicles.driver.vehicle_state import LocalEstimate
-from vehicles.errors import ParameterError
-from vehicles.poses.anchor import Anchor
-from worlds.frames import Pose
+from wil_campaign.vehicles.driver.vehicle_state import LocalEstimate
+from wil_campaign.vehicles.errors import ParameterError
+from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.worlds.frames import Pose
 
 
 @dataclass

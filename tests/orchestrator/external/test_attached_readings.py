@@ -10,18 +10,18 @@ from tests.orchestrator.campaign.test_attached_run import outside, words
 from tests.orchestrator.wall_runs import SHORT, Program
 from tests.ports import free_port
 from tests.vehicles.sources.readings.publisher import Publisher, publishing
-from vehicles.autopilots.autopilot import MessageRate, TelemetryRates
-from vehicles.driver import Driver
-from vehicles.links.link_factory import open_link
-from vehicles.links.link_strings import parse_link
-from vehicles.mavlink.names import message_number
-from vehicles.readings import SENSOR_TYPES, GpsReading
-from vehicles.sensors.lidar import LOOKING_DOWN
-from vehicles.sources.readings.live_readings import LiveReadings
-from vehicles.sources.readings.mavlink_readings import MavlinkReadings, MavlinkSensor
-from vehicles.sources.readings.rest_check import rest_fault
-from worlds.frames import AT_ORIGIN
-from worlds.geodesy import LocalFrame
+from wil_campaign.vehicles.autopilots.autopilot import MessageRate, TelemetryRates
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.links.link_factory import open_link
+from wil_campaign.vehicles.links.link_strings import parse_link
+from wil_campaign.vehicles.mavlink.names import message_number
+from wil_campaign.vehicles.readings import SENSOR_TYPES, GpsReading
+from wil_campaign.vehicles.sensors.lidar import LOOKING_DOWN
+from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings
+from wil_campaign.vehicles.sources.readings.mavlink_readings import MavlinkReadings, MavlinkSensor
+from wil_campaign.vehicles.sources.readings.rest_check import rest_fault
+from wil_campaign.worlds.frames import AT_ORIGIN
+from wil_campaign.worlds.geodesy import LocalFrame
 
 RECIPE = """\
 schema: wil/recipe/1

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from orchestrator.external.external_readings import ExternalReadings
-from orchestrator.model.clock import run_virtual
-from vehicles.sources.camera_source import SourceError
+from wil_campaign.orchestrator.external.external_readings import ExternalReadings
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.sources.camera_source import SourceError
 
 
 @pytest.mark.parametrize(("kind", "count"), [("mavlink", 6), ("zmq", 0)])

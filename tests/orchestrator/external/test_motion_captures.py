@@ -3,21 +3,19 @@
 import asyncio
 import json
 import socket
-import sys
-import threading
 from collections.abc import Mapping
-from contextlib import AsyncExitStack
-from types import ModuleType
+from contextlib import AsyncExitStack, nullcontext
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from campaigns.values.external_setups import MocapSetup
-from orchestrator.external.motion_captures import MotionCaptures
 from tests.orchestrator.external.rigs import until
 from tests.ports import free_port
-from vehicles.readings import PoseReading, Source
-from vehicles.sources.camera_source import SourceError
+from wil_campaign.campaigns.values.external_setups import MocapSetup
+from wil_campaign.orchestrator.external.motion_captures import MotionCaptures
+from wil_campaign.vehicles.readings import PoseReading, Source
+from wil_campaign.vehicles.sources.camera_source import SourceError
 
 HOST = "127.0.0.1"
 
@@ -34,7 +32,7 @@ def wanted(port: int, *, stall_s: float = 0.5) -> Mapping[Source, MocapSetup]:
     }
 
 
-def send(port: int, seq: int, *names: str, **more: Any) -> None:
+def send(port: int, seq: int, *names: str, end: socket.socket | None = None, **more: Any) -> None:
     pose = {"position_m": [1.0, 2.0, -3.0], "q_wxyz": [1.0, 0.0, 0.0, 0.0]}
     frame = {
         "protocol": "wil/mocap/1",
@@ -44,7 +42,7 @@ def send(port: int, seq: int, *names: str, **more: Any) -> None:
         "bodies": [{"name": name, **pose} for name in names],
         **more,
     }
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+    with nullcontext(end) if end else socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         out.sendto(json.dumps(frame).encode(), (HOST, port))
 
 
@@ -106,68 +104,26 @@ async def test_a_feed_that_falls_silent_is_named_with_its_limit(port: int) -> No
     assert "has not seen 'drone' (real) for more than 0.5 s" in said
 
 
-class LostTracker:
-    """A tracker of a VRPN library that reports two poses, then raises once `lost` is set."""
-
-    lost = threading.Event()
-
-    def __init__(self, address: str) -> None:
-        self._count = 0
-
-    def register_change_handler(self, userdata: object, handler: Any, kind: str) -> None:
-        self._handler = handler
-
-    def mainloop(self) -> None:
-        self._count += 1
-        if self._count <= 2:
-            pose = {"position": (2.0, 1.0, 3.0), "quaternion": (0.0, 0.0, 0.0, 1.0)}
-            self._handler(None, {"sensor": 0, "time": 100.0 + self._count / 100, **pose})
-        if self.lost.is_set():
-            raise RuntimeError("connection reset")
-
-
-@pytest.fixture
-def vrpn(monkeypatch: pytest.MonkeyPatch) -> MotionCaptures:
-    receiver, module = ModuleType("receiver"), ModuleType("vrpn")
-    receiver.Tracker = LostTracker  # type: ignore[attr-defined]
-    module.receiver = receiver  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "vrpn", module)
-    monkeypatch.setattr(LostTracker, "lost", threading.Event())
-    setup = MocapSetup(kind="vrpn", host=HOST, port=3883, body="drone", stall_s=60.0)
-    return MotionCaptures({"real": setup})
-
-
-LOST = (
-    "VRPN tracker drone@127.0.0.1:3883: the VRPN library failed: RuntimeError: connection reset; "
-    "check the VRPN server and the network to it"
-)
-
-
-async def test_a_vrpn_library_that_fails_in_flight_is_named_with_its_error(
-    vrpn: MotionCaptures,
-) -> None:
-    async with AsyncExitStack() as stack:
-        await vrpn.open(stack)
-        await vrpn.ready()
-        vrpn.check()
-        assert vrpn.silent(asyncio.get_running_loop().time()) == ""
-        LostTracker.lost.set()
-        await until(lambda: vrpn.silent(asyncio.get_running_loop().time()) != "")
-        assert vrpn.silent(asyncio.get_running_loop().time()) == LOST
-        with pytest.raises(SourceError) as failure:
-            vrpn.check()
-    assert str(failure.value) == LOST
-    assert isinstance(failure.value.__cause__, RuntimeError)
-
-
-async def test_a_vrpn_library_that_fails_at_once_is_named_before_anything_flies(
-    vrpn: MotionCaptures, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    LostTracker.lost.set()
-    monkeypatch.setattr(LostTracker, "register_change_handler", lambda *_: None)
-    monkeypatch.setattr(LostTracker, "_handler", lambda *_: None, raising=False)
-    async with AsyncExitStack() as stack:
-        await vrpn.open(stack)
-        with pytest.raises(SourceError) as failure:
-            await vrpn.ready(20.0)
-    assert str(failure.value) == LOST
+async def test_a_second_sender_is_refused_before_arming_unless_one_is_named(port: int) -> None:
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as system,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+    ):
+        for name in ("", HOST):
+            captures = MotionCaptures(
+                {one: replace(setup, sender=name) for one, setup in wanted(port).items()}
+            )
+            async with AsyncExitStack() as stack:
+                await captures.open(stack)
+                send(port, 0, "drone", "other", end=system)
+                await captures.ready()
+                captures.refuse_rivals()
+                send(port, 9, "drone", end=stranger)
+                await until(lambda: len(captures.others) == 1)  # noqa: B023 - at once
+                assert "is sent to by 127.0.0.1:" in captures.results[0].trouble
+                assert [result.feed.samples for result in captures.results] == [1, 1]
+                if name:
+                    captures.refuse_rivals()
+                else:
+                    with pytest.raises(SourceError, match=r"end the other.*mocap\.sender"):
+                        captures.refuse_rivals()

@@ -8,20 +8,20 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.model.results import RunResult
-from orchestrator.recording.mcap_reader import RecordedReading, Recording
-from orchestrator.recording.topic_readings import TopicReadings
 from tests.orchestrator.flights import all_landed
 from tests.orchestrator.recording.ros2_bag import write_bag
-from vehicles.embedded.autopilot.px4.px4_core import Px4Core
-from vehicles.readings import (
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading, Recording
+from wil_campaign.orchestrator.recording.topic_readings import TopicReadings
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_core import Px4Core
+from wil_campaign.vehicles.readings import (
     ImuReading,
     LidarScanReading,
     PoseReading,
     RangefinderReading,
     Reading,
 )
-from vehicles.sources.camera_source import SourceError
+from wil_campaign.vehicles.sources.camera_source import SourceError
 
 Fly = Callable[..., tuple[RunResult, Path]]
 Builder = Callable[[Any], Any]

@@ -13,14 +13,14 @@ import msgpack  # type: ignore[import-untyped]  # ships no types
 import numpy as np
 import pytest
 
-from orchestrator.external.simulator_check import SimulatorCheck
 from tests.vehicles.sources.simulator.replier import Replier
-from vehicles.sources.simulator.simulator_camera import SimulatorError, ZmqImageSource
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
-from worlds.render.renderer import Renderer
-from worlds.scene.scene import Scene, SceneObject
-from worlds.scene.shapes import box, gate, person
+from wil_campaign.orchestrator.external.simulator_check import SimulatorCheck
+from wil_campaign.vehicles.sources.simulator.simulator_camera import SimulatorError, ZmqImageSource
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.render.renderer import Renderer
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.shapes import box, gate, person
 
 CAMERA = Intrinsics.from_fov(320, 240, math.radians(69.0))
 GATE = SceneObject(2, "gate", gate("square", 1.0, 0.1), Pose.of(3.0, 0.5, 1.2))
@@ -160,7 +160,9 @@ async def test_nothing_is_measured_before_the_goal() -> None:
     assert (check.coverage.frames, check.look_back()) == (0, "")
 
 
-async def test_who_promises_ids_and_sends_none_is_found_before_anything_starts() -> None:
+async def test_a_simulator_that_promises_ids_and_sends_none_is_found_before_anything_starts() -> (
+    None
+):
     class Empty(StandIn):
         def _answer(self, ask: dict[str, Any]) -> list[bytes]:
             return super()._answer(ask | {"want": ["image"]})

@@ -9,11 +9,16 @@ import cv2
 import numpy as np
 import pytest
 
-from orchestrator.model.results import RunResult
 from tests.orchestrator.conftest import SMALL_CAMERAS
-from tests.orchestrator.flights import all_landed
-from vehicles.readings import CameraReading
-from vehicles.sources.camera_source import SourceCounts, SourceError, SourceStalledError
+from tests.orchestrator.flights import all_landed, log_of
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading, Recording
+from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.vehicles.sources.camera_source import (
+    SourceCounts,
+    SourceError,
+    SourceStalledError,
+)
 
 Fly = Callable[..., tuple[RunResult, Path]]
 
@@ -53,6 +58,16 @@ def test_a_film_of_a_wall_and_the_gate_that_is_not_there(fly_run: Fly, tmp_path:
     assert result.mixing is not None
     assert result.mixing.frames > 100
     assert all_landed(folder)
+    # What we draw ends with the goal; the camera goes on, and is recorded until the end.
+    (ended,) = [line for line in log_of(folder) if line["event"] == "images_ended"]
+    assert ended["topics"] == "/mixed/camera /twin/camera"
+    last_s = {
+        item.reading.source: item.reading.arrived_s
+        for item in Recording(folder / "run.mcap")
+        if isinstance(item, RecordedReading)
+    }
+    assert ended["t_s"] - 0.2 < last_s["mixed"] <= ended["t_s"]
+    assert last_s["real"] > ended["t_s"] + 2.0
 
 
 @pytest.mark.parametrize("ending", ["is over", "changes its size"])
@@ -135,7 +150,7 @@ def test_a_live_camera_that_stalls_or_dies_in_flight(
         assert address == "rtp://127.0.0.1:5600"
         return FakeLive(intrinsics, 18.0, error, freezes=False)
 
-    monkeypatch.setattr("orchestrator.external.external_cameras.live_camera", opened)
+    monkeypatch.setattr("wil_campaign.orchestrator.external.external_cameras.live_camera", opened)
     result, folder = fly_run(boots=True, cameras=SMALL_CAMERAS, sets=source("rtp://127.0.0.1:5600"))
     assert result.verdict == verdict
     assert all_landed(folder)
@@ -153,7 +168,7 @@ def test_a_live_camera_that_repeats_its_last_image_with_new_stamps_proves_nothin
     def opened(_: str, *, intrinsics: Any, **__: Any) -> FakeLive:
         return FakeLive(intrinsics, 18.0, freezes=freezes)
 
-    monkeypatch.setattr("orchestrator.external.external_cameras.live_camera", opened)
+    monkeypatch.setattr("wil_campaign.orchestrator.external.external_cameras.live_camera", opened)
     result, folder = fly_run(boots=True, cameras=SMALL_CAMERAS, sets=source("rtp://127.0.0.1:5600"))
     assert all_landed(folder)
     assert result.outside is not None

@@ -9,7 +9,8 @@ from statistics import median
 import numpy as np
 import pytest
 
-from orchestrator.live_feed.feed_messages import (
+from tests.plugins.console.test_console_server import view
+from wil_campaign.orchestrator.live_feed.feed_messages import (
     EventView,
     FactsView,
     FeedMessage,
@@ -17,12 +18,11 @@ from orchestrator.live_feed.feed_messages import (
     RunView,
     feed_codec,
 )
-from orchestrator.live_feed.feed_publisher import FeedPublisher
-from orchestrator.live_feed.feed_sockets import feed_receiver
-from orchestrator.state.mixtures import PreviewImages
-from tests.orchestrator.console.test_console_server import view
-from vehicles.readings import CameraReading, Source
-from worlds.camera import Intrinsics
+from wil_campaign.orchestrator.live_feed.feed_publisher import FeedPublisher
+from wil_campaign.orchestrator.live_feed.feed_sockets import feed_receiver
+from wil_campaign.orchestrator.state.mixtures import PreviewImages
+from wil_campaign.vehicles.readings import CameraReading, Source
+from wil_campaign.worlds.camera import Intrinsics
 
 PATIENCE_S = 10.0
 
@@ -47,7 +47,9 @@ def images() -> PreviewImages:
         image = np.zeros((48, 1280, 3), np.uint8)
         return CameraReading(1.9, 1.95, 3, source, image, Intrinsics.from_fov(1280, 48, 1.2))
 
-    return PreviewImages(reading("mixed"), reading("real"), reading("twin"), alone="skew")
+    return PreviewImages(
+        reading("mixed"), "/mixed/camera", reading("real"), reading("twin"), alone="skew"
+    )
 
 
 def received(end: socket.socket) -> Iterator[FeedMessage]:

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from orchestrator.model.clock import VirtualDeadlockError, VirtualLoop, run_virtual
+from wil_campaign.orchestrator.model.clock import VirtualDeadlockError, VirtualLoop, run_virtual
 
 
 def test_time_jumps_exactly_to_each_timer() -> None:

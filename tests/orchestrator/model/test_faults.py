@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from orchestrator.model.faults import Fault, Faults
+from wil_campaign.orchestrator.model.faults import Fault, Faults
 
 
 def faults_of(take: Callable[[Fault], None]) -> tuple[Faults, list[str]]:

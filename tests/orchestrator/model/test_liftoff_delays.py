@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from orchestrator.model.liftoff_delays import LiftoffDelays, staggers_s
+from wil_campaign.orchestrator.model.liftoff_delays import LiftoffDelays, staggers_s
 
 
 def test_the_slowest_is_commanded_at_once_and_the_others_by_so_much_later() -> None:
@@ -14,7 +14,7 @@ def test_the_slowest_is_commanded_at_once_and_the_others_by_so_much_later() -> N
     assert staggers_s({"real": 2.9, "twin": 2.9}, ["real", "twin"]) == {"real": 0.0, "twin": 0.0}
 
 
-def test_who_is_alone_or_commanded_together_waits_for_nobody() -> None:
+def test_a_vehicle_that_is_alone_or_commanded_together_waits_for_none() -> None:
     assert staggers_s({"real": 1.4, "twin": 9.0}, ["real"]) == {"real": 0.0}
     assert staggers_s({}, ["real", "twin"]) == {"real": 0.0, "twin": 0.0}
 

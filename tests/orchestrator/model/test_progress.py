@@ -4,7 +4,7 @@ from time import monotonic
 
 import pytest
 
-from orchestrator.model.progress import Happening, Progress, ProgressLimiter
+from wil_campaign.orchestrator.model.progress import Happening, Progress, ProgressLimiter
 
 PROGRESS = Progress(case="default", mode="sim", repetition=1, stage="goal", t_s=1.0)
 HAPPENING = Happening(run="default/sim/1", t_s=1.0, kind="stage", word="goal", vehicle="", text="")
@@ -14,7 +14,7 @@ def test_progress_faster_than_the_limit_is_dropped_and_happenings_are_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     now_s = monotonic()
-    monkeypatch.setattr("orchestrator.model.progress.time.monotonic", lambda: now_s)
+    monkeypatch.setattr("wil_campaign.orchestrator.model.progress.time.monotonic", lambda: now_s)
     limiter = ProgressLimiter(0.1)
 
     passed = []
@@ -29,7 +29,7 @@ def test_progress_faster_than_the_limit_is_dropped_and_happenings_are_not(
 
 def test_progress_at_the_pace_of_the_wall_all_passes(monkeypatch: pytest.MonkeyPatch) -> None:
     now_s = monotonic()
-    monkeypatch.setattr("orchestrator.model.progress.time.monotonic", lambda: now_s)
+    monkeypatch.setattr("wil_campaign.orchestrator.model.progress.time.monotonic", lambda: now_s)
     limiter = ProgressLimiter(0.1)
 
     for _ in range(10):

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.values.acceptance import Requirement, Share
-from orchestrator.cli.verdict_table import conclusions
-from orchestrator.model.campaign_results import VERDICTS, Summary, summarize
-from orchestrator.model.document_writer import to_json
-from orchestrator.model.exit_codes import accepted, exit_code, rehearsal_code
-from orchestrator.model.results import (
+from wil_campaign.campaigns.values.acceptance import Requirement, Share
+from wil_campaign.orchestrator.cli.verdict_table import conclusions
+from wil_campaign.orchestrator.model.campaign_results import VERDICTS, Summary, summarize
+from wil_campaign.orchestrator.model.document_writer import to_json
+from wil_campaign.orchestrator.model.exit_codes import accepted, exit_code, rehearsal_code
+from wil_campaign.orchestrator.model.results import (
     NOT_ARMED,
     Also,
     MixingResult,
@@ -24,7 +24,7 @@ from orchestrator.model.results import (
     SyncResult,
     percentiles,
 )
-from safety.model.oracle_results import OracleResult
+from wil_campaign.safety.model.oracle_results import OracleResult
 
 ALL_OF_THREE = (Requirement("large", "sim", Share(3, 3)),)
 TWO_OF_THREE = (Requirement("large", "sim", Share(2, 3)),)
@@ -196,8 +196,8 @@ def test_a_rehearsal_that_left_something_on_a_vehicle_is_not_good() -> None:
 @pytest.mark.parametrize(
     ("verdict", "said"),
     [
-        ("PASS", "accepted of what was flown; required, and left out: large/wil"),
-        ("FAIL", "not accepted of what was flown; required, and left out: large/wil"),
+        ("PASS", "accepted of what was flown; required but left out: large/wil"),
+        ("FAIL", "not accepted of what was flown; required but left out: large/wil"),
     ],
 )
 def test_the_last_line_says_what_was_left_out(verdict: str, said: str) -> None:
@@ -228,7 +228,8 @@ def test_the_summary_has_the_fields_of_the_design() -> None:
     assert fields(run) == (
         "case mode rep seed verdict reason also required duration_s wall_s oracles sync mixing"
         " collisions outside artifacts attempts preflight fence_changes evidence decided_by control"
-        " not_judged note trace exceptions twin losses before_arming actors"
+        " not_judged note trace exceptions twin losses before_arming actors unmoved no_retry slow"
+        " code firmware"
     )
     assert fields(run["oracles"][0]) == (
         "name vehicle required verdict actual limit unit margin at_s detail"

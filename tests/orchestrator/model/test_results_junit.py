@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from campaigns.values.acceptance import Requirement, Share
-from orchestrator.model.campaign_results import summarize
-from orchestrator.model.control_results import ControlResult
-from orchestrator.model.exit_codes import accepted, exit_code, rehearsal_code
-from orchestrator.model.junit import junit_xml
-from orchestrator.model.results import NOT_ARMED, Also, RunResult, SyncResult
-from safety.model.oracle_results import OracleResult, Verdict
+from wil_campaign.campaigns.values.acceptance import Requirement, Share
+from wil_campaign.orchestrator.model.campaign_results import summarize
+from wil_campaign.orchestrator.model.control_results import ControlResult
+from wil_campaign.orchestrator.model.exit_codes import accepted, exit_code, rehearsal_code
+from wil_campaign.orchestrator.model.junit import junit_xml
+from wil_campaign.orchestrator.model.results import NOT_ARMED, Also, RunResult, SyncResult
+from wil_campaign.safety.model.oracle_results import OracleResult, Verdict
 
 REQUIRED = (Requirement("large", "sim", Share(2, 2)),)
 

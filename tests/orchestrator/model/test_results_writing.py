@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.model.document_writer import to_json, write_whole
+from wil_campaign.orchestrator.model.document_writer import to_json, write_whole
 
 
 def test_text_and_bytes_are_written(tmp_path: Path) -> None:

@@ -9,12 +9,14 @@ from typing import Any
 
 import pytest
 
-from campaigns.expansion.expansion import Campaign, Options, load_campaign
-from orchestrator.campaign.between_runs import BetweenRuns
-from orchestrator.campaign.workers.run_order import fly_order
-from orchestrator.campaign.workers.run_workers import WorkerLost
-from orchestrator.model.results import Also, RunResult, SyncResult
-from orchestrator.model.return_path import (
+from tests.orchestrator.conftest import ROOT, NoCommands
+from tests.orchestrator.flights import all_landed, log_of
+from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.orchestrator.campaign.between_runs import BetweenRuns
+from wil_campaign.orchestrator.campaign.workers.run_order import fly_order
+from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
+from wil_campaign.orchestrator.model.results import Also, RunResult, SyncResult
+from wil_campaign.orchestrator.model.return_path import (
     CLEAR_M,
     ReturnPath,
     StandingPose,
@@ -23,17 +25,15 @@ from orchestrator.model.return_path import (
     why_no_return,
     why_path_blocked,
 )
-from orchestrator.run.stages.return_flight import return_setup
-from orchestrator.state.run_setup import RunOrder, RunSetup
-from safety.fence.geofence import Fence
-from safety.model.oracle_results import Flag
-from tests.orchestrator.conftest import ROOT, NoCommands
-from tests.orchestrator.flights import all_landed, log_of
-from vehicles.embedded.physics.contact_world import BODY
-from worlds.clearance.clearance import ClearanceProbe
-from worlds.files.documents import parse
-from worlds.frames import Pose
-from worlds.world_file.world import World
+from wil_campaign.orchestrator.run.stages.return_flight import return_setup
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.model.oracle_results import Flag
+from wil_campaign.vehicles.embedded.physics.contact_world import BODY
+from wil_campaign.worlds.clearance.clearance import ClearanceProbe
+from wil_campaign.worlds.files.documents import parse
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.world_file.world import World
 
 CAMPAIGN = """\
 schema: wil/campaign/1
@@ -200,7 +200,7 @@ def test_after_which_runs_it_may_fly_on(
     [
         (way(), ""),
         (way(altitude_m=4.5), "the path leaves the fence at its ceiling"),
-        (way(STOOD, Pose.of(9.0, 0.0, 0.0)), "the path leaves the fence at its side"),
+        (way(STOOD, Pose.of(9.0, 0.0, 0.0)), "the path leaves the fence at its north side"),
         (way(Pose.of(3.0, 5.5, 0.0)), "pillar is nearer than 0.5 m to the path"),
         (way(Pose.of(3.0, 5.5, 0.0), altitude_m=3.9), ""),
     ],
@@ -324,7 +324,7 @@ def test_what_must_not_fly_on_is_asked_for(hop: Callable[..., Campaign], tmp_pat
     assert said == [f"default/real/1: the vehicle does not fly back: {why}"]
 
 
-def test_who_stands_at_its_start_stays_there(hop: Callable[..., Campaign], tmp_path: Path) -> None:
+def test_a_vehicle_at_its_start_stays_there(hop: Callable[..., Campaign], tmp_path: Path) -> None:
     campaign = hop()
     made, asked, said = between(campaign, tmp_path / "o")
     order = RunOrder(plan=campaign.runs[0], folder=tmp_path / "o" / "run", clock="wall")

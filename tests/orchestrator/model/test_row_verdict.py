@@ -6,15 +6,15 @@ from itertools import product
 import pytest
 from rich.text import Text
 
-from campaigns.statistics.sequential_test import SequentialTest
-from campaigns.values.acceptance import Requirement, Share
-from orchestrator.cli.verdict_table import verdict_table
-from orchestrator.model.acceptance_texts import row_verdict
-from orchestrator.model.attempts import attempt_of
-from orchestrator.model.campaign_results import summarize
-from orchestrator.model.exit_codes import exit_code, standings_of
-from orchestrator.model.results import RunResult
 from tests.orchestrator.model.test_results import result
+from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
+from wil_campaign.campaigns.values.acceptance import Requirement, Share
+from wil_campaign.orchestrator.cli.verdict_table import verdict_table
+from wil_campaign.orchestrator.model.acceptance_texts import row_verdict
+from wil_campaign.orchestrator.model.attempts import attempt_of
+from wil_campaign.orchestrator.model.campaign_results import summarize
+from wil_campaign.orchestrator.model.exit_codes import exit_code, standings_of
+from wil_campaign.orchestrator.model.results import RunResult
 
 WORDS = {"P": "PASS", "F": "FAIL", "E": "ERROR", "I": "INVALID", "A": "ABORTED"}
 TEST = SequentialTest(at_least=0.9, against=0.2, most=3)
@@ -75,7 +75,7 @@ def test_the_cell_of_a_row(letters: str, wanted: Requirement, text: str, style: 
 def test_a_pass_that_was_flown_again_has_a_star() -> None:
     first, *rest = runs_of("PPF")
     again = replace(first, attempts=(attempt_of(result("INVALID"), "earlier/large/sim/1-1"),))
-    assert cell([again, *rest], TWO) == ("PASS* (2/3)", "yellow")
+    assert cell([again, *rest], TWO) == ("PASS* (2/3), 2 attempts", "yellow")
 
 
 @pytest.mark.parametrize("wanted", [ALL, TWO, DECIDED])

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from orchestrator.operator.campaign_controller import CampaignController
-from orchestrator.operator.campaign_records import Place
-from safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
+from wil_campaign.orchestrator.operator.campaign_records import Place
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 
 class FakeFleet:

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.model.flight_place import FlightPlace
-from orchestrator.model.progress import Happening, Progress
-from orchestrator.model.results import RunResult, SyncResult
-from orchestrator.operator.campaign_controller import CampaignController
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.operator.operator_lines import RefusedLineError, parse_line
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
+from wil_campaign.orchestrator.model.flight_place import FlightPlace
+from wil_campaign.orchestrator.model.progress import Happening, Progress
+from wil_campaign.orchestrator.model.results import RunResult, SyncResult
+from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError, parse_line
 
 FIRST, HALL = FlightPlace("first"), FlightPlace("hall-pc", "hall-a")
 

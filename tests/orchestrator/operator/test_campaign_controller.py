@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.model.progress import Progress
-from orchestrator.model.results import RunResult, SyncResult
-from orchestrator.operator.campaign_controller import CampaignController
-from orchestrator.operator.campaign_records import Place, places
-from orchestrator.operator.errors import OperatingError
-from orchestrator.operator.operator_channels import open_operator_channels
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.operator.operator_lines import RefusedLineError
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
+from wil_campaign.orchestrator.model.progress import Progress
+from wil_campaign.orchestrator.model.results import RunResult, SyncResult
+from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
+from wil_campaign.orchestrator.operator.campaign_records import Place, places
+from wil_campaign.orchestrator.operator.errors import OperatingError
+from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
 
 ABORT = OperatorCommand("abort", "anna")
 HOLD = OperatorCommand("hold", "anna")

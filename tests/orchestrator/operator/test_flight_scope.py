@@ -7,13 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.console.campaign_poller import CampaignPoller
-from orchestrator.console.page_commands import CommandSender, PageCommand
-from orchestrator.operator.campaign_records import CampaignRecord
-from orchestrator.operator.flight_scope import FlightScope
-from safety.guard.process.orphaned_processes import GuardRecord, remove_record, write_record
-from safety.guard.process.runtime_folder import open_runtime_folder
-from vehicles.processes.identity import ProcessId
+from wil_campaign.orchestrator.operator.campaign_records import CampaignRecord
+from wil_campaign.orchestrator.operator.flight_scope import FlightScope
+from wil_campaign.plugins.console.campaign_poller import CampaignPoller
+from wil_campaign.plugins.console.page_commands import CommandSender, PageCommand
+from wil_campaign.safety.guard.process.orphaned_processes import (
+    GuardRecord,
+    remove_record,
+    write_record,
+)
+from wil_campaign.safety.guard.process.runtime_folder import open_runtime_folder
+from wil_campaign.vehicles.processes.identity import ProcessId
 
 OTHER = 1
 """A process that has no campaign."""
@@ -25,7 +29,7 @@ def _own_runtime(short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @contextmanager
-def guard(run: Path) -> Iterator[None]:
+def guard(run: Path, campaign: Path | None = None) -> Iterator[None]:
     runtime, me = open_runtime_folder().path, ProcessId.own()
     record = GuardRecord(
         run="gate/wil/1",
@@ -34,6 +38,7 @@ def guard(run: Path) -> Iterator[None]:
         guard=me,
         owner=None,
         since_s=0.0,
+        campaign="" if campaign is None else str(campaign),
     )
     write_record(runtime, record)
     try:
@@ -61,6 +66,20 @@ def test_a_program_s_console_is_for_its_campaign_alone(tmp_path: Path) -> None:
         assert len(mine.places().guards) == 1
         with CampaignPoller(mine) as poller, CampaignPoller(strangers) as other:
             assert (poller.is_landing(), other.is_landing()) == (True, False)
+
+
+def test_a_guard_that_writes_elsewhere_is_its_campaign_s(tmp_path: Path) -> None:
+    """By a store a run's files are in a folder of the node's until they are sent."""
+    gate = tmp_path / "gate"
+    with guard(tmp_path / "wil-run-1" / "large/wil/1", gate):
+        with CampaignRecord(name="gate", folder=gate):
+            mine = FlightScope(program=os.getpid())
+            assert len(mine.places().guards) == 1
+            (flying,) = FlightScope().places().by_campaign().values()
+            assert flying.guards_of(flying.campaigns[0]) == flying.guards
+        assert [*FlightScope().places().by_campaign()] == [gate]
+        assert len(FlightScope(folder=gate).places().guards) == 1
+        assert FlightScope(folder=tmp_path / "hall").places().guards == ()
 
 
 async def test_an_abort_reaches_no_other_program_s_campaign(tmp_path: Path) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.operator import operator_log
-from orchestrator.operator.operator_log import OperatorLog
+from wil_campaign.orchestrator.operator import operator_log
+from wil_campaign.orchestrator.operator.operator_log import OperatorLog
 
 
 def test_a_disk_that_stands_still_delays_one_line_and_gets_all_in_order(

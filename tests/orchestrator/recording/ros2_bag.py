@@ -1,6 +1,6 @@
 """A bag of ROS 2 with readings of a vehicle: the definitions as `ros2 bag record` writes them."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -56,17 +56,22 @@ def definition(kind: str) -> str:
     return f"\n{'=' * 80}\n".join(parts)
 
 
-def write_bag(path: Path, bag: Bag, *, delay_s: float = 0.01) -> Path:
-    """Write a bag: topic, type, stamp and the other fields of each message."""
+def write_bag(
+    path: Path, bag: Bag, *, delay_s: float = 0.01, logged_s: Sequence[float] | None = None
+) -> Path:
+    """Write a bag: topic, type, stamp and the other fields of each message.
+
+    delay_s: from stamp to log time, where no log times are given.
+    """
     with path.open("wb") as file:
         writer = Writer(file)
         schemas = {}
-        for topic, kind, t_s, fields in bag:
+        for number, (topic, kind, t_s, fields) in enumerate(bag):
             if kind not in schemas:
                 schemas[kind] = writer.register_msgdef(kind, definition(kind))
             stamp = {"sec": int(t_s), "nanosec": round(t_s % 1.0 * 1e9)}
             header = {"stamp": stamp, "frame_id": "of the sensor"}
-            logged_ns = round((t_s + delay_s) * 1e9)
+            logged_ns = round((t_s + delay_s if logged_s is None else logged_s[number]) * 1e9)
             message = {"header": header, **fields}
             writer.write_message(topic, schemas[kind], message, logged_ns, logged_ns)
         writer.finish()

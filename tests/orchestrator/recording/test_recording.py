@@ -13,13 +13,13 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.model.run_log import RunLog
-from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
-from orchestrator.recording.video import VideoWriter
-from vehicles.background_file import BackgroundFile
-from vehicles.mavlink.tlog import TlogWriter
-from vehicles.setpoints import VelocitySetpoint
-from worlds.frames import Pose
+from wil_campaign.orchestrator.model.run_log import RunLog
+from wil_campaign.orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
+from wil_campaign.orchestrator.recording.video import VideoWriter
+from wil_campaign.vehicles.background_file import BackgroundFile
+from wil_campaign.vehicles.mavlink.tlog import TlogWriter
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
+from wil_campaign.worlds.frames import Pose
 
 
 def picture(level: int) -> "np.ndarray[tuple[int, int, int], np.dtype[np.uint8]]":

@@ -7,21 +7,20 @@ from typing import Any
 
 import pytest
 
-from orchestrator.model.caveats import loss_texts
-from orchestrator.model.results import Loss
-from orchestrator.recording.mcap import mcap_file, mcap_writer
-from orchestrator.recording.mcap.mcap_encode import Encoder
-from orchestrator.recording.mcap.mcap_settings import LOSSLESS
-from orchestrator.recording.mcap.mcap_writer import McapRecorder, TopicLoss
-from orchestrator.recording.mcap_reader import RecordedReading
-from orchestrator.recording.recording_losses import excessive_loss
-from orchestrator.recording.run_recorder import RunRecorder
-from orchestrator.run.judging.run_outcome import also_of
-from safety.model.verdict import Decision, DecisiveEvent
 from tests.orchestrator.mcap_runs import read
 from tests.orchestrator.operator.test_campaign_controller import RESULT
 from tests.recipes.samples import beam
-from vehicles.background_file import Patience
+from wil_campaign.orchestrator.model.caveats import loss_texts
+from wil_campaign.orchestrator.model.results import Loss, also_of
+from wil_campaign.orchestrator.recording.mcap import mcap_file, mcap_writer
+from wil_campaign.orchestrator.recording.mcap.mcap_encode import Encoder
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import LOSSLESS
+from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder, TopicLoss
+from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading
+from wil_campaign.orchestrator.recording.recording_losses import excessive_loss
+from wil_campaign.orchestrator.recording.run_recorder import RunRecorder
+from wil_campaign.safety.model.verdict import Decision, DecisiveEvent
+from wil_campaign.vehicles.background_file import Patience
 
 
 @pytest.mark.parametrize(
@@ -105,7 +104,6 @@ def test_a_recording_that_a_dead_disk_leaves_unfinished_is_incomplete_until_it_c
         time=lambda: 1.0,
         epoch_s=0.0,
         vehicles=(),
-        video_rate_hz=None,
         collision_oracles=frozenset(),
         clock="virtual",
         settings=LOSSLESS,

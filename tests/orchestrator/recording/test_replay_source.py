@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.model.clock import run_virtual
-from orchestrator.recording.mcap.mcap_settings import RecordingSettings
-from orchestrator.recording.replay_source import ReplaySource
 from tests.orchestrator.mcap_runs import a_run, assert_same, camera, recorder
-from vehicles.readings import PoseReading, Source
-from worlds.frames import Pose
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
+from wil_campaign.orchestrator.recording.replay_source import ReplaySource
+from wil_campaign.vehicles.readings import PoseReading, Source
+from wil_campaign.worlds.frames import Pose
 
 
 @pytest.fixture

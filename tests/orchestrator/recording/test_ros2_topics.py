@@ -1,6 +1,7 @@
 """A bag of ROS 2 as a sensor: each type of message in our units and axes, and what is of no use."""
 
 import builtins
+import itertools
 import math
 import struct
 from pathlib import Path
@@ -9,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from orchestrator.recording.topic_readings import TopicReadings
 from tests.orchestrator.recording.ros2_bag import vector, write_bag
-from vehicles.readings import (
+from wil_campaign.orchestrator.recording.topic_readings import TopicReadings
+from wil_campaign.vehicles.readings import (
     GpsReading,
     ImuReading,
     LidarPointsReading,
@@ -20,10 +21,10 @@ from vehicles.readings import (
     RangefinderReading,
     Reading,
 )
-from vehicles.readings.checks import fault_of
-from vehicles.sources.camera_source import SourceError
-from vehicles.sources.readings.ros2_messages import ROS2_TYPES
-from worlds.frames import Pose, euler_from_quat, quat_from_euler
+from wil_campaign.vehicles.readings.checks import fault_after, fault_of
+from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.vehicles.sources.readings.ros2_messages import ROS2_TYPES
+from wil_campaign.worlds.frames import Pose, euler_from_quat, quat_from_euler
 
 AT_S = 1_795_000_000.25
 NOSE = Pose((0.1, 0.0, 0.05), quat_from_euler(0.0, 0.2, 0.0))
@@ -90,6 +91,29 @@ def one_of(tmp_path: Path, kind: str, schema: str, fields: dict[str, Any]) -> An
     assert found.t_s == pytest.approx(AT_S, abs=1e-6)
     assert found.arrived_s == pytest.approx(AT_S + 0.01, abs=1e-6)
     return found
+
+
+@pytest.mark.parametrize(
+    ("stamps_s", "steps_s"),
+    [
+        ([0.0, 0.02, 0.04], [0.02, 0.02]),
+        ([0.0, AT_S + 0.03, AT_S + 0.05], [0.02, 0.02]),
+        ([AT_S, 0.0, AT_S + 0.05], [0.02, 0.03]),
+        ([0.0, 0.0, 0.0], [0.02, 0.02]),
+    ],
+    ids=["simulated", "unset first", "unset later", "never set"],
+)
+def test_a_stamp_of_0_loses_no_reading(
+    tmp_path: Path, stamps_s: list[float], steps_s: list[float]
+) -> None:
+    """All readings after the first stamp of a simulation's time were older than it: damaged."""
+    schema = "sensor_msgs/msg/Range"
+    told = [("/it", schema, stamp_s, distance(2.0)) for stamp_s in stamps_s]
+    logged_s = [AT_S + 0.01 + 0.02 * k for k in range(3)]
+    found = read(write_bag(tmp_path / "bag.mcap", told, logged_s=logged_s), "rangefinder")
+    steps = [after.t_s - before.t_s for before, after in itertools.pairwise(found)]
+    assert steps == pytest.approx(steps_s, abs=0.011)
+    assert all(fault_after(after, before) is None for before, after in itertools.pairwise(found))
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,12 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from orchestrator.recording.mcap_reader import RecordedProvenance, RecordedReading, Recording
 from tests.orchestrator.wall_runs import STAYING, Program
+from wil_campaign.orchestrator.recording.mcap_reader import (
+    RecordedProvenance,
+    RecordedReading,
+    Recording,
+)
 
 RECORDED = {"real camera", "twin camera", "mixed camera", "provenance"}
 

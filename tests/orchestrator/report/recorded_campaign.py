@@ -7,24 +7,24 @@ from typing import Any
 
 import numpy as np
 
-from orchestrator.model.campaign_results import Summary, summarize
-from orchestrator.model.document_writer import to_json
-from orchestrator.model.results import MixingResult, Percentiles, RunResult, SyncResult
-from orchestrator.model.run_log import RunLog
-from orchestrator.recording.judge_log_file import JudgeLogWriter
-from orchestrator.recording.mcap.mcap_settings import RecordingSettings
-from orchestrator.recording.mcap.mcap_writer import McapRecorder
-from orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
-from orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
-from recipes.pipeline.mixture import Provenance
-from safety.fence.fence_values import plain_fence
-from safety.fence.geofence import Fence
-from safety.model.oracle_results import EvidenceResult, OracleResult
-from safety.model.samples import PoseSample, Stage, StageSample
-from vehicles.readings import CameraReading, Source
-from vehicles.setpoints import VelocitySetpoint
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
+from wil_campaign.orchestrator.model.campaign_results import Summary, summarize
+from wil_campaign.orchestrator.model.document_writer import to_json
+from wil_campaign.orchestrator.model.results import MixingResult, Percentiles, RunResult, SyncResult
+from wil_campaign.orchestrator.model.run_log import RunLog
+from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
+from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder
+from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
+from wil_campaign.orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
+from wil_campaign.recipes.pipeline.mixture import Provenance
+from wil_campaign.safety.fence.fence_values import plain_fence
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.model.oracle_results import EvidenceResult, OracleResult
+from wil_campaign.safety.model.samples import PoseSample, Stage, StageSample
+from wil_campaign.vehicles.readings import CameraReading, Source
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 HOSTILE = '<img src=x onerror="alert(1)"><script>alert(2)</script>\x1b[31m\u202e'
 """What a vehicle or an operator may say."""
@@ -174,7 +174,7 @@ def _record(place: Path, run: RunResult) -> None:
         log.write(3.0, "vehicle", vehicle=vehicles[0], kind="text", text=HOSTILE)
         log.write(3.5, "operator", kind="hold", who="anna <b>", reason=HOSTILE)
     _record_motion(place, vehicles)
-    _record_readings(place, run.mode)
+    record_readings(place, run.mode)
 
 
 def _record_motion(place: Path, vehicles: tuple[str, ...]) -> None:
@@ -200,8 +200,9 @@ def _record_motion(place: Path, vehicles: tuple[str, ...]) -> None:
                     judged.write(StageSample(at_s, stage))
 
 
-def _record_readings(place: Path, mode: str) -> None:
+def record_readings(place: Path, mode: str, *, until_s: float = END_S) -> None:
     facts = {
+        "mode": mode,
         "world": json.dumps(WORLD),
         "world_file": "world.yaml",
         "campaign": json.dumps(CAMPAIGN),
@@ -215,7 +216,7 @@ def _record_readings(place: Path, mode: str) -> None:
         settings=RecordingSettings(),
         facts=facts,
     ) as recorder:
-        for k in range(int(END_S * 10)):
+        for k in range(int(until_s * 10)):
             if mode != "sim":
                 recorder.reading("camera", _image(k, "real"))
             recorder.reading("camera", _image(k, "twin"))

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from orchestrator.model.document_writer import to_json
-from orchestrator.report.campaign_report import write_report
 from tests.orchestrator.report.browser import Page, browser, chromium
 from tests.orchestrator.report.recorded_campaign import too_high, write_campaign
+from wil_campaign.orchestrator.model.document_writer import to_json
+from wil_campaign.orchestrator.report.campaign_report import write_report
 
 pytestmark = pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
 
@@ -142,9 +142,13 @@ def test_tables_are_sorted_by_their_heads(page: Page) -> None:
 @pytest.mark.parametrize("dark", [False, True])
 def test_nothing_is_wider_than_a_phone(page: Page, *, dark: bool) -> None:
     page.resize(390, 844, dark=dark)
-    for fragment in ("overview", "run-large-wil-1"):
+    for fragment in ("overview", "run-large-wil-1", "run-large-sim-1"):
         show(page, fragment)
         assert page.value("document.documentElement.scrollWidth") == 390
+        # Neither does a part of it scroll sideways.
+        parts = "[...document.querySelectorAll('.scroll, .strip')].filter((one) => one.clientWidth)"
+        wide = f"{parts}.filter((one) => one.scrollWidth > one.clientWidth + 1).length"
+        assert page.value(wide) == 0
     background = page.value("getComputedStyle(document.body).backgroundColor")
     assert (background == "rgb(18, 22, 27)") == dark
     page.resize(1280, 900)
@@ -209,14 +213,29 @@ def test_a_frame_is_enlarged_by_click_and_by_keyboard(page: Page) -> None:
 
 
 def test_a_table_that_is_cut_at_the_right_says_so(page: Page) -> None:
-    wide = "document.querySelector('#run-large-wil-1 .scroll').classList.contains('wide')"
-    page.resize(390, 844)
+    table = "document.querySelector('#run-large-wil-1 .scroll')"
     show(page, "overview")
     show(page, "run-large-wil-1")
-    on_phone = page.value(wide)
+    found = []
+    for width in ("3000px", ""):
+        page.value(f"{table}.querySelector('table').style.minWidth = '{width}'")
+        page.value("window.dispatchEvent(new Event('resize'))")
+        found.append(page.value(f"{table}.classList.contains('wide')"))
+    assert found == [True, False]
+
+
+def test_on_a_phone_each_cell_stands_under_the_head_of_its_column(page: Page) -> None:
+    page.resize(390, 844)
+    show(page, "run-large-wil-1")
+    cell = "document.querySelector('#run-large-wil-1 .scroll tbody td')"
+    label = page.value(f"getComputedStyle({cell}, '::before').content")
     page.resize(1280, 900)
-    page.settle()
-    assert (on_phone, page.value(wide)) == (True, False)
+    assert label == '"vehicle"'
+
+
+def test_an_image_that_is_shown_again_is_that_of_the_moment(page: Page) -> None:
+    run = "document.querySelector('#run-large-wil-1"
+    assert page.value(f"{run} .strip .now img').src === {run} .saw .main img').src")
 
 
 def test_the_panel_and_the_cursor_say_one_latency(page: Page) -> None:

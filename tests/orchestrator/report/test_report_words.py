@@ -2,8 +2,8 @@
 
 import pytest
 
-from orchestrator.report.words import limit_text, number_text, short_time
-from safety.model.oracle_results import OracleResult
+from wil_campaign.orchestrator.report.words import limit_text, number_text, short_time
+from wil_campaign.safety.model.oracle_results import OracleResult
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.state.run_setup import RunOrder, RunSetup
 from tests.orchestrator.wall import write_wall
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 
 
 @pytest.mark.parametrize(

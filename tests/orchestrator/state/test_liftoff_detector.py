@@ -6,9 +6,9 @@ from typing import Any, cast
 
 import pytest
 
-from orchestrator.run.stages.synchronisation import Synchronisation
-from orchestrator.state.liftoff_detector import LiftoffDetector
-from orchestrator.state.run_state import RunState
+from wil_campaign.orchestrator.run.stages.synchronisation import Synchronisation
+from wil_campaign.orchestrator.state.liftoff_detector import LiftoffDetector
+from wil_campaign.orchestrator.state.run_state import RunState
 
 # A pair of PX4 in SIH (main of August 2025) from 0.9 s before the takeoff command on: seconds,
 # height and climb by their estimates, which sink here and rise there. Both lifted at 9.9 s.
@@ -62,7 +62,7 @@ def test_nothing_is_known_of_who_stands() -> None:
     assert lifted((0.0, 0.0, 0.3), (0.4, 0.09, 0.3), (1.5, 0.08, 0.0), (3.0, 0.05, 0.0)) is None
 
 
-def test_who_climbs_slowly_lifted_when_it_stayed_above_the_ground() -> None:
+def test_a_vehicle_that_climbs_slowly_lifted_when_it_stayed_above_the_ground() -> None:
     slow = [(0.1 * step, 0.015 * step, 0.15) for step in range(80)]
     found = lifted((0.0, 0.12, 0.0), (0.05, 0.05, 0.0), *slow)
     assert found is not None

@@ -5,18 +5,18 @@ from dataclasses import replace
 
 import pytest
 
-from campaigns.values.signal_faults import SignalFault
-from orchestrator.model.clock import run_virtual
-from orchestrator.state.run_state import RunState
-from orchestrator.state.signal_faults import (
+from wil_campaign.campaigns.values.signal_faults import SignalFault
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.orchestrator.state.signal_faults import (
     FaultyOnDemand,
     SignalFaults,
 )
-from vehicles.cameras.rendered_cameras import NoImageError
-from vehicles.faults import FaultySignal
-from vehicles.readings import RangefinderReading, Reading
-from vehicles.readings.copies import restamp_reading
-from worlds.frames import AT_ORIGIN, Pose
+from wil_campaign.vehicles.cameras.rendered_cameras import NoImageError
+from wil_campaign.vehicles.faults import FaultySignal
+from wil_campaign.vehicles.readings import RangefinderReading, Reading
+from wil_campaign.vehicles.readings.copies import restamp_reading
+from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 
 READING = RangefinderReading(
     t_s=1.0, arrived_s=1.1, seq=1, source="real", range_m=2.0, range_min_m=0.1, range_max_m=9.0

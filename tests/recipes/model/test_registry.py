@@ -2,11 +2,9 @@
 
 import pytest
 
-from recipes.language.step_docs import describe_step
-from recipes.model import registry
-from recipes.model.registry import STAGES, Context, DuplicateStepError, StepParameters, step, steps
-from recipes.working import Masked, Operator
-from vehicles.readings import SENSOR_TYPES
+from wil_campaign.recipes.language.step_docs import describe_step
+from wil_campaign.recipes.model.registry import STAGES, steps
+from wil_campaign.vehicles.readings import SENSOR_TYPES
 
 
 def test_the_listing_is_ordered_and_says_what_each_step_does() -> None:
@@ -23,18 +21,6 @@ def test_the_listing_is_ordered_and_says_what_each_step_does() -> None:
 def test_every_sensor_can_be_transformed_filtered_and_merged(sensor: str) -> None:
     for stage in STAGES:
         assert any(kind.stage == stage and sensor in kind.sensors for kind in steps())
-
-
-def test_a_second_step_of_a_name_is_refused() -> None:
-    def again(parameters: StepParameters, context: Context) -> Operator:
-        return lambda work, _other: Masked(work.reading)
-
-    decorate = step("resize", stage="transform", sensors=("camera",), parameters=StepParameters)
-    with pytest.raises(DuplicateStepError, match="'resize'"):
-        decorate(again)
-    found = registry.find("resize")
-    assert found is not None
-    assert found.stage == "transform"
 
 
 def test_every_step_is_described_with_its_parameters() -> None:

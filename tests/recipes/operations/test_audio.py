@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from recipes.language.recipe_document import load_recipe
-from recipes.operations.audio import band_pass_kernel
-from recipes.pipeline.pipeline import compile_recipe
-from recipes.working import CannotMixError, Masked
 from tests.recipes.samples import build, sound
-from worlds.files.documents import parse
+from wil_campaign.recipes.language.recipe_document import load_recipe
+from wil_campaign.recipes.operations.audio import band_pass_kernel
+from wil_campaign.recipes.pipeline.pipeline import compile_recipe
+from wil_campaign.recipes.working import CannotMixError, Masked
+from wil_campaign.worlds.files.documents import parse
 
 RATE = 8000
 

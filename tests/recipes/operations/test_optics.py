@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from recipes.operations.optics import remap_between, remapped
-from recipes.working import CannotMixError, Masked
 from tests.recipes.samples import CAMERA, HEIGHT, WIDTH, apply, build, camera, depth, plain
-from worlds.camera import Intrinsics
-from worlds.frames import IDENTITY, Pose, quat_conjugate, quat_from_euler, rotate
+from wil_campaign.recipes.operations.optics import remap_between, remapped
+from wil_campaign.recipes.working import CannotMixError, Masked
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import IDENTITY, Pose, quat_conjugate, quat_from_euler, rotate
 
 LENS = (-0.25, 0.06, 0.001, -0.0005, 0.0)
 BENT = Intrinsics(200, 150, 160.0, 158.0, 101.0, 73.0, LENS)

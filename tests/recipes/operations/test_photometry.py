@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from recipes.operations.photometry import Correction, Corrector, measure_photometry
-from recipes.working import CannotMixError, Masked
 from tests.recipes.samples import build, camera
-from worlds.camera import Intrinsics
+from wil_campaign.recipes.operations.photometry import Correction, Corrector, measure_photometry
+from wil_campaign.recipes.working import CannotMixError, Masked
+from wil_campaign.worlds.camera import Intrinsics
 
 WIDTH, HEIGHT = 320, 240
 LENS = Intrinsics.from_fov(WIDTH, HEIGHT, 1.2)

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from recipes.model.recipe import Budget
-from recipes.pipeline.budgets import RateWatch, breach_of
-from recipes.pipeline.mixture import Provenance
+from wil_campaign.recipes.model.recipe import Budget
+from wil_campaign.recipes.pipeline.budgets import RateWatch, breach_of
+from wil_campaign.recipes.pipeline.mixture import Provenance
 
 BUDGET = Budget(0.06, 0.2, 10.0, 2.0)
 GOOD = Provenance(1, 1.0, 2, 1.06, 60.0, 200.0, registration_error_px=2.0)

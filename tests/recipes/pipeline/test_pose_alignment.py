@@ -2,10 +2,10 @@
 
 import pytest
 
-from recipes.pipeline.pose_alignment import align_pose
-from recipes.working import Align, PoseRequest
-from vehicles.poses.pose_history import PoseHistory
-from worlds.frames import Pose
+from wil_campaign.recipes.pipeline.pose_alignment import align_pose
+from wil_campaign.recipes.working import Align, PoseRequest
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.worlds.frames import Pose
 
 
 def history() -> PoseHistory:

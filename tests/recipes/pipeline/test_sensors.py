@@ -10,8 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from recipes.language.recipe_document import load_recipe
-from recipes.pipeline.pipeline import Mixer, compile_recipe
 from tests.recipes.samples import (
     beam,
     camera,
@@ -24,11 +22,13 @@ from tests.recipes.samples import (
     scan,
     sound,
 )
-from vehicles.readings import Reading
-from worlds.camera import Intrinsics
-from worlds.files.documents import BadInput, parse
-from worlds.frames import Pose
-from worlds.geodesy import LocalFrame
+from wil_campaign.recipes.language.recipe_document import load_recipe
+from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.files.documents import BadInput, parse
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.geodesy import LocalFrame
 
 SENSORS: dict[str, tuple[Callable[..., Any], str]] = {
     "camera": (camera, "overlay"),

@@ -6,16 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recipes.language.recipe_files import load_recipe_file
-from recipes.pipeline.pipeline import Mixer, compile_recipe
-from recipes.working import StepError
 from tests.recipes.samples import beam, camera, plain
-from worlds.files.documents import BadInput
+from wil_campaign.recipes.language.recipe_files import load_recipe_file
+from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
+from wil_campaign.recipes.working import StepError
+from wil_campaign.worlds.files.documents import BadInput
 
 STEPS = """
 from dataclasses import replace
 import numpy as np
-from recipes.working import CannotMixError, Masked
+from wil_campaign.recipes.working import CannotMixError, Masked
 
 
 def desaturate(work, other, *, amount=1.0):
@@ -115,6 +115,12 @@ def halved(sides):
     return replace(sides["real"].reading, range_m=np.float32(min(ranges) / 2), seq=np.int64(4))
 
 
+def lighter(work, other):
+    from vehicles import BY
+
+    return replace(work.reading, image_bgr=work.reading.image_bgr + np.uint8(BY))
+
+
 def bad_mask(work, other):
     return Masked(work.reading, np.zeros(3, np.uint8))
 
@@ -153,6 +159,12 @@ def test_functions_work_in_every_stage(tmp_path: Path) -> None:
     assert (image[:, 10:] == plain()[:, 10:]).all()
     by = mixer(tmp_path, merge="{use: 'my_steps.py:brighter', with: {by: 5}}")
     assert (mixed(by).reading.image_bgr == plain() + 5).all()
+
+
+def test_a_step_imports_what_stands_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "vehicles.py").write_text("BY = 5\n")
+    one = mixer(tmp_path, "filter: [{use: 'my_steps.py:lighter'}]")
+    assert (mixed(one).reading.image_bgr == plain((15, 25, 65))).all()
 
 
 def test_a_class_is_made_once_for_each_side(tmp_path: Path) -> None:

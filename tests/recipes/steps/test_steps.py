@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from recipes.model.registry import Context, StepParameters, find
-from recipes.operations.optics import disagreement_px, resized, scaled_intrinsics
-from recipes.working import CannotMixError, Masked, Operator
-from vehicles.readings import BgrImage, CameraReading, Source
-from worlds.camera import Intrinsics
+from wil_campaign.recipes.model.registry import Context, StepParameters, find
+from wil_campaign.recipes.operations.optics import disagreement_px, resized, scaled_intrinsics
+from wil_campaign.recipes.working import CannotMixError, Masked, Operator
+from wil_campaign.vehicles.readings import BgrImage, CameraReading, Source
+from wil_campaign.worlds.camera import Intrinsics
 
 CameraMerge = Callable[[Mapping[Source, Masked[CameraReading]]], CameraReading]
 WIDTH, HEIGHT = 64, 48

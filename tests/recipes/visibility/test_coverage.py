@@ -2,8 +2,8 @@
 
 import pytest
 
-from recipes.visibility.coverage import Coverage, VisibilityFault, uncovered
-from recipes.visibility.model import FrameVisibility, ObjectVisibility
+from wil_campaign.recipes.visibility.coverage import Coverage, VisibilityFault, uncovered
+from wil_campaign.recipes.visibility.model import FrameVisibility, ObjectVisibility
 
 
 def seen(

@@ -9,9 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from recipes.visibility.images import ImagePair, compare_images
-from recipes.visibility.model import ExpectedImage, FrameVisibility, ObjectVisibility, Virtual
-from vehicles.readings import BgrImage
+from wil_campaign.recipes.visibility.images import ImagePair, compare_images
+from wil_campaign.recipes.visibility.model import (
+    ExpectedImage,
+    FrameVisibility,
+    ObjectVisibility,
+    Virtual,
+)
+from wil_campaign.vehicles.readings import BgrImage
 
 WIDTH, HEIGHT, STEP = 160, 120, 4
 GATE = 2
@@ -334,3 +339,55 @@ def test_an_object_before_another_virtual_one_is_sought_as_it_is_drawn() -> None
     assert aside.offset == pytest.approx(80.0, abs=STEP)
     assert aside.is_displaced
     assert not missing.is_shown
+
+
+WALL = 3
+RED = (10, 20, 120)
+BEHIND = Virtual({GATE: "gate", WALL: "wall"})
+
+
+def ball_before_a_wall(*, wall: bool, away: int = 0) -> FrameVisibility:
+    """Return what a picture shows of a ball before a virtual wall. away: samples that it is off."""
+    real = room(0)
+    rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH]
+
+    def ball(x: int) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+        return np.asarray(np.hypot(rows - 60, columns - x) <= 12)
+
+    behind = (abs(rows - 60) <= 30) & (abs(columns - 80) <= 40)
+    virtual = room(1, 150.0)
+    virtual[behind] = np.where((columns // 6 % 2 == 0)[behind][:, None], (250, 250, 250), (9, 9, 9))
+    expected, mixed = virtual.copy(), real.copy()
+    expected[ball(80)] = RED
+    if wall:
+        mixed[behind] = virtual[behind]
+    mixed[ball(80 + away)] = RED
+    ids = np.where(behind, np.uint8(WALL), np.uint8(1))
+    ids[ball(80)] = GATE
+    return compare_images(
+        ImagePair(
+            t_s=1.0,
+            real_bgr=real,
+            mixed_bgr=mixed,
+            expected=ExpectedImage(ids, expected, None, STEP),
+            virtual=BEHIND,
+            limit_px=None,
+            is_like=True,
+        )
+    )
+
+
+@pytest.mark.parametrize("wall", [True, False])
+def test_an_object_before_one_that_is_not_shown_is_not_displaced(*, wall: bool) -> None:
+    """What was searched in the picture was the object with the one behind it: 57 px away."""
+    ball, behind = ball_before_a_wall(wall=wall).objects
+    assert (ball.is_shown, ball.is_displaced, ball.offset) == (True, False, 0.0)
+    assert (behind.in_view, behind.is_shown) == (True, wall)
+
+
+@pytest.mark.parametrize("wall", [True, False])
+def test_an_object_beside_its_place_is_displaced_before_what_is_not_shown_too(
+    *, wall: bool
+) -> None:
+    ball, _ = ball_before_a_wall(wall=wall, away=10).objects
+    assert ball.is_displaced

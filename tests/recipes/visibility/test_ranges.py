@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from recipes.visibility.model import ExpectedRanges, FrameVisibility, ObjectVisibility, Virtual
-from recipes.visibility.ranges import compare_points, compare_ranges
+from wil_campaign.recipes.visibility.model import (
+    ExpectedRanges,
+    FrameVisibility,
+    ObjectVisibility,
+    Virtual,
+)
+from wil_campaign.recipes.visibility.ranges import compare_points, compare_ranges
 
 WALL = 2
 VIRTUAL = Virtual({WALL: "wall"})

@@ -4,24 +4,25 @@ from typing import Any, Self
 
 import pytest
 
-from safety.evaluation.judge import Judge, OracleUse, build_oracles, unjudged
-from safety.fence.geofence import Fence
-from safety.model.samples import (
+from wil_campaign.safety.evaluation.judge import Judge, OracleUse, build_oracles, unjudged
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.model.samples import (
     DropOutSample,
     LinkSample,
     PoseSample,
     StageSample,
     StateSample,
 )
-from safety.oracles import OracleContext, OracleError, RunMode, registry
-from vehicles.autopilots.autopilot import Mode
-from worlds.frames import Pose, Vec3
+from wil_campaign.safety.oracles.oracle import OracleContext, OracleError, RunMode
+from wil_campaign.safety.oracles.registry import oracle_kinds
+from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.worlds.frames import Pose, Vec3
 
 FENCE = Fence.box(north_m=(-1, 4), east_m=(-2, 2), up_m=(-0.5, 2.5))
 
 
 def use(kind: str, *, name: str = "", **parameters: object) -> OracleUse:
-    return OracleUse(name or kind, kind, registry[kind].parameters.model_validate(parameters))
+    return OracleUse(name or kind, kind, oracle_kinds()[kind].parameters.model_validate(parameters))
 
 
 def contexts(mode: RunMode) -> dict[str, OracleContext]:
@@ -44,7 +45,7 @@ def state(t_s: float, vehicle: str, *, armed: bool, landed: bool) -> StateSample
     return StateSample(t_s, vehicle, armed, Mode.LAND, "LAND", landed)
 
 
-def test_who_is_judged_in_which_mode() -> None:
+def test_each_mode_judges_its_own_vehicle() -> None:
     uses = (
         use("geofence"),
         use("landed"),
@@ -97,7 +98,7 @@ def test_one_kind_may_be_used_under_two_names_and_a_name_once() -> None:
 
 def test_an_unknown_kind_is_refused() -> None:
     with pytest.raises(OracleError, match="no oracle 'crash'"):
-        judged("sim", OracleUse("crash", "crash", registry["landed"].parameters()))
+        judged("sim", OracleUse("crash", "crash", oracle_kinds()["landed"].parameters()))
 
 
 def test_each_vehicle_is_judged_by_its_own_samples() -> None:
@@ -214,6 +215,9 @@ class Nothing:
     def reaching(self, _: float) -> Self:
         return self
 
+    def above(self, _: float) -> Self:
+        return self
+
     def sweep(self, *_: object, **__: object) -> tuple[()]:
         return ()
 
@@ -250,14 +254,14 @@ def test_that_the_subject_touches_nothing_is_judged_always(mode: RunMode) -> Non
 def test_no_use_of_collision_switches_off_what_is_judged_always(weaker: dict[str, Any]) -> None:
     flying = contexts("wil")
     seen = {name: replace(context, probe=Nothing()) for name, context in flying.items()}
-    parameters = registry["collision"].parameters.model_construct(**weaker)
+    parameters = oracle_kinds()["collision"].parameters.model_construct(**weaker)
     uses = [OracleUse("collision", "collision", parameters)]
 
     def names(**options: bool) -> set[str]:
         return {o.name for o in build_oracles(uses, seen, **options) if o.required}
 
     assert "collision_always" in names()
-    near = registry["clearance"].parameters.model_construct(min_m=0.1)
+    near = oracle_kinds()["clearance"].parameters.model_construct(min_m=0.1)
     uses = [OracleUse("clearance", "clearance", near)]
     assert "collision_always" in names()
     assert "collision_always" not in names(collision_always=False)

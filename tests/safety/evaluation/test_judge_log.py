@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from safety.evaluation.judge import Judge, OracleUse, build_oracles
-from safety.evaluation.judge_log import (
+from tests.safety.oracles.oracle_rigs import FENCE, SCENE
+from wil_campaign.safety.evaluation.judge import Judge, OracleUse, build_oracles
+from wil_campaign.safety.evaluation.judge_log import (
     ActorPose,
     JudgeLogError,
     JudgeLogPacker,
@@ -20,16 +21,17 @@ from safety.evaluation.judge_log import (
     judge_from_log,
     read_judge_log,
 )
-from safety.evidence.evidence import Evidence
-from safety.evidence.terms import SignalTerms
-from safety.fence.areas import Circle, Polygon
-from safety.fence.fence_values import plain_fence
-from safety.fence.geofence import Fence
-from safety.model.samples import (
+from wil_campaign.safety.evidence.evidence import Evidence
+from wil_campaign.safety.evidence.terms import SignalTerms
+from wil_campaign.safety.fence.areas import Circle, Polygon
+from wil_campaign.safety.fence.fence_values import plain_fence
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.model.samples import (
     DoubtSample,
     DropOutSample,
     FenceSample,
     GroundSpeedSample,
+    HeadingSample,
     LinkSample,
     PoseSample,
     ReportSample,
@@ -37,16 +39,16 @@ from safety.model.samples import (
     StageSample,
     StateSample,
 )
-from safety.oracles import OracleContext, registry
-from safety.oracles.gates import gates_of
-from tests.safety.oracles.oracle_rigs import FENCE, SCENE
-from vehicles.autopilots.autopilot import Mode
-from vehicles.embedded.physics.airframe import Airframe
-from vehicles.embedded.physics.contact_world import body_of
-from worlds.clearance.clearance import ClearanceProbe
-from worlds.frames import Pose
-from worlds.scene.scene import Scene
-from worlds.scene.track import RunHistory
+from wil_campaign.safety.oracles.gates import gates_of
+from wil_campaign.safety.oracles.oracle import OracleContext
+from wil_campaign.safety.oracles.registry import oracle_kinds
+from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.vehicles.embedded.physics.contact_world import body_of
+from wil_campaign.worlds.clearance.clearance import ClearanceProbe
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.scene import Scene
+from wil_campaign.worlds.scene.track import RunHistory
 
 BODY = body_of(Airframe())
 USES: tuple[tuple[str, dict[str, object]], ...] = (
@@ -60,9 +62,11 @@ USES: tuple[tuple[str, dict[str, object]], ...] = (
     ("vehicle_fault", {}),
     ("link", {"max_gap_s": 0.5}),
     ("landed", {}),
+    ("touchdown", {"max_m_s": 1.0}),
     ("twin_divergence", {"max_m": 1.0, "required": True}),
     ("area", {"keep": {"box": {"north_m": (-1, 4), "east_m": (-1, 1), "up_m": (-1, 2)}}}),
     ("distance", {"object": "gate", "min_m": 0.2, "max_m": 3.0}),
+    ("encounter", {"object": "gate", "within_m": 1.0, "for_s": 0.5}),
     ("speed", {"max_m_s": 2.0}),
     ("attitude", {"max_tilt_deg": 30.0}),
     ("estimator", {"max_unsound_s": 0.3}),
@@ -126,7 +130,10 @@ def judge_logs(draw: st.DrawFn) -> list[LoggedSample]:
 
 def draw_evidence(draw: st.DrawFn, t_s: float, vehicle: str) -> LoggedSample:
     signal = draw(st.sampled_from((*SIGNALS, "camera")))
-    kind = draw(st.integers(0, 3))
+    kind = draw(st.integers(0, 4))
+    if kind == 4:
+        turned_rad = draw(st.floats(-math.pi, math.pi))
+        return HeadingSample(t_s, vehicle, "gyroscopes", turned_rad, draw(st.floats(0.0, 0.2)))
     if kind == 3:
         return DropOutSample(t_s, vehicle)
     if kind == 2:
@@ -164,7 +171,7 @@ def draw_state(draw: st.DrawFn, t_s: float, vehicle: str) -> StateSample:
 
 def judge_of(events: Mapping[str, float]) -> Judge:
     uses = [
-        OracleUse(kind, kind, registry[kind].parameters.model_validate(given))
+        OracleUse(kind, kind, oracle_kinds()[kind].parameters.model_validate(given))
         for kind, given in USES
     ]
     contexts = {
@@ -173,6 +180,7 @@ def judge_of(events: Mapping[str, float]) -> Judge:
             subject="real",
             vehicle=vehicle,
             probe=ClearanceProbe(SCENE, BODY),
+            ground_down_m=0.0,
             things=SCENE.names,
             probe_of=lambda name: ClearanceProbe(Scene((SCENE[name],)), BODY, within_m=1e6),
             gates=gates_of(SCENE),
@@ -203,8 +211,12 @@ def packed(taped: list[LoggedSample]) -> bytes:
     return packer.header() + b"".join(packer.pack(sample) for sample in taped)
 
 
-def feed_evidence(judge: Judge, sample: GroundSpeedSample | ReportSample | DoubtSample) -> None:
+def feed_evidence(
+    judge: Judge, sample: GroundSpeedSample | HeadingSample | ReportSample | DoubtSample
+) -> None:
     match sample:
+        case HeadingSample():
+            judge.heading(sample)
         case GroundSpeedSample():
             judge.ground_speed(sample)
         case ReportSample():
@@ -222,7 +234,7 @@ def feed(judge: Judge, events: dict[str, float], sample: LoggedSample) -> None:
             judge.state(sample)
         case LinkSample():
             judge.received(sample)
-        case GroundSpeedSample() | ReportSample() | DoubtSample():
+        case GroundSpeedSample() | HeadingSample() | ReportSample() | DoubtSample():
             feed_evidence(judge, sample)
         case StageSample():
             judge.stage(sample)
@@ -256,7 +268,7 @@ def test_judging_a_judge_log_is_judging_the_flight(taped: list[LoggedSample]) ->
 
 
 def test_every_oracle_is_in_the_test_of_the_judge_log() -> None:
-    assert {kind for kind, _ in USES} == set(registry), "USES above names each oracle"
+    assert {kind for kind, _ in USES} == set(oracle_kinds()), "USES above names each oracle"
 
 
 @settings(max_examples=50, deadline=None)

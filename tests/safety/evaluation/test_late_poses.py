@@ -4,15 +4,16 @@ from typing import Any
 
 import pytest
 
-from safety.evaluation.judge import Judge, OracleUse, build_oracles
-from safety.model.oracle_results import Flag, OracleResult
-from safety.model.samples import PoseSample, Stage, StageSample
-from safety.oracles import OracleContext, registry
 from tests.safety.oracles.oracle_rigs import FENCE
-from worlds.clearance.clearance import BoxShape, ClearanceProbe
-from worlds.frames import Pose, Vec3
-from worlds.scene.scene import Scene, SceneObject
-from worlds.scene.shapes import room
+from wil_campaign.safety.evaluation.judge import Judge, OracleUse, build_oracles
+from wil_campaign.safety.model.oracle_results import Flag, OracleResult
+from wil_campaign.safety.model.samples import PoseSample, Stage, StageSample
+from wil_campaign.safety.oracles.oracle import OracleContext
+from wil_campaign.safety.oracles.registry import oracle_kinds
+from wil_campaign.worlds.clearance.clearance import BoxShape, ClearanceProbe
+from wil_campaign.worlds.frames import Pose, Vec3
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.shapes import room
 
 BODY = BoxShape((0.15, 0.15, 0.05))
 CAGE = Scene((SceneObject(1, "cage", room(8, 8, 5), Pose.of(0, 0, 0)),))
@@ -33,7 +34,7 @@ def up_m(t_s: float) -> float:
 
 def judged(late_s: float, kind: str, **parameters: Any) -> tuple[OracleResult, list[Flag]]:
     """Return result and flags of an oracle where each pose arrives so late."""
-    use = OracleUse(kind, kind, registry[kind].parameters.model_validate(parameters))
+    use = OracleUse(kind, kind, oracle_kinds()[kind].parameters.model_validate(parameters))
     context = OracleContext(
         mode="sim",
         subject="twin",

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from safety.evidence.agreement import (
+from wil_campaign.safety.evidence.agreement import (
     Accuracy,
     Agreement,
     Disagreement,
     OwnVelocity,
     StandingStill,
 )
-from safety.model.samples import PoseSample, ReferenceSample
-from worlds.frames import Pose, Vec3
+from wil_campaign.safety.model.samples import PoseSample, ReferenceSample
+from wil_campaign.worlds.frames import Pose, Vec3
 
 TRACES = Path(__file__).parents[2] / "vehicles" / "traces"
 CAPTURED = Accuracy(0.002)

@@ -6,10 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from safety.evidence.evidence import Evidence
-from safety.evidence.terms import STAMP_S, SignalTerms, position_limit_s, status_limit_s
-from safety.model.oracle_results import EvidenceResult
-from safety.model.samples import (
+from wil_campaign.safety.evidence.evidence import Evidence
+from wil_campaign.safety.evidence.terms import (
+    STAMP_S,
+    SignalTerms,
+    position_limit_s,
+    status_limit_s,
+)
+from wil_campaign.safety.model.oracle_results import EvidenceResult
+from wil_campaign.safety.model.samples import (
     DoubtSample,
     LinkSample,
     PoseSample,
@@ -18,8 +23,8 @@ from safety.model.samples import (
     StageSample,
     StateSample,
 )
-from vehicles.autopilots.autopilot import Mode
-from worlds.frames import Pose
+from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.worlds.frames import Pose
 
 LIMIT_S = 0.1
 END_S = 10.0
@@ -234,7 +239,7 @@ def test_limits_are_three_periods_of_what_is_judged() -> None:
     assert position_limit_s(100.0, judged_every_s=0.018) == pytest.approx(0.06 + STAMP_S)
     assert position_limit_s(60.0, judged_every_s=0.018) == pytest.approx(0.1 + STAMP_S)
     assert position_limit_s(4.0) == 0.5
-    assert status_limit_s(1.0) == pytest.approx(3.0)
+    assert status_limit_s(1.0) == pytest.approx(3.5)
     assert status_limit_s(5.0) == 1.5
 
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from safety.evidence.evidence import Evidence
-from safety.model.oracle_results import EvidenceResult
-from safety.model.samples import GroundSpeedSample, PoseSample, StageSample
 from tests.safety.evidence.test_agreement import TRACES, recorded
 from tests.safety.evidence.test_motion import terms
-from worlds.frames import Pose, Vec3, add, scale
+from wil_campaign.safety.evidence.evidence import Evidence
+from wil_campaign.safety.model.oracle_results import EvidenceResult
+from wil_campaign.safety.model.samples import GroundSpeedSample, PoseSample, StageSample
+from wil_campaign.worlds.frames import Pose, Vec3, add, scale
 
 COPTER, PX4 = "arducopter-4.7-guided", "px4-1.18-offboard"
 

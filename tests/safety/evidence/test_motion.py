@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import pytest
 
-from safety.evidence.agreement import Accuracy
-from safety.evidence.evidence import Evidence
-from safety.evidence.terms import SignalTerms
-from safety.model.oracle_results import EvidenceResult
-from safety.model.samples import PoseSample, ReferenceSample, StageSample, StateSample
 from tests.safety.evidence.test_agreement import recorded
-from vehicles.autopilots.autopilot import Mode
-from worlds.frames import Pose, Quat, Vec3
+from wil_campaign.safety.evidence.agreement import Accuracy
+from wil_campaign.safety.evidence.evidence import Evidence
+from wil_campaign.safety.evidence.terms import SignalTerms
+from wil_campaign.safety.model.oracle_results import EvidenceResult
+from wil_campaign.safety.model.samples import PoseSample, ReferenceSample, StageSample, StateSample
+from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.worlds.frames import Pose, Quat, Vec3
 
 ESTIMATE = Accuracy(1.0, 0.1, math.radians(2.0))
 TRUTH = Accuracy(0.0)

@@ -4,18 +4,18 @@ from typing import Any
 
 import pytest
 
-from safety.fence.areas import Circle
-from safety.fence.fence_change import refusal_of_change
-from safety.fence.geofence import Fence
-from safety.fence.stopping import Motion
-from safety.guard.core.events import GuardedVehicle, GuardEvent, GuardSettings
-from safety.guard.core.guard_core import GuardCore
-from safety.guard.core.operator_command import OperatorCommand
-from safety.model.samples import FenceSample, PoseSample
 from tests.safety.oracles.oracle_rigs import build, pose, stage
-from vehicles.autopilots.autopilot import Target
-from vehicles.autopilots.px4 import Px4
-from worlds.frames import Pose, Vec3
+from wil_campaign.safety.fence.areas import Circle
+from wil_campaign.safety.fence.fence_change import refusal_of_change
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.fence.stopping import Motion
+from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardEvent, GuardSettings
+from wil_campaign.safety.guard.core.guard_core import GuardCore
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.model.samples import FenceSample, PoseSample
+from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.px4 import Px4
+from wil_campaign.worlds.frames import Pose, Vec3
 
 OLD = Fence.box(north_m=(-5, 5), east_m=(-5, 5), up_m=(-1, 5))
 NEW = Fence.box(north_m=(-1, 2), east_m=(-1, 1), up_m=(-1, 2))
@@ -31,9 +31,9 @@ def why(at: Vec3, velocity: Vec3 = (0, 0, 0), *, keep_m: float = 0.0) -> str:
     ("said", "refusal"),
     [
         ("", why((0, 0, -1))),
-        ("it is 1.00 m outside of the fence's side", why((3, 0, -1))),
+        ("it is 1.00 m outside of the fence's north side", why((3, 0, -1))),
         ("it is 1.00 m outside of the fence's ceiling", why((0, 0, -3))),
-        ("it cannot stop before the fence's side, 1.00 m away", why((1, 0, -1), (2, 0, 0))),
+        ("it cannot stop before the fence's north side, 1.00 m away", why((1, 0, -1), (2, 0, 0))),
         ("", why((1, 0, -1), (-0.5, 0, 0))),
         ("it is 0.20 m from the fence's ceiling, nearer than 0.3 m", why((0, 0, -1.8), keep_m=0.3)),
     ],
@@ -83,7 +83,7 @@ def test_the_guard_changes_all_fences_or_none() -> None:
     core.position(place("twin", 3.0, 1.0))
     both = {"real": NEW, "twin": NEW}
     assert event_texts(core.change_fences(both, "anna", 1.2)) == [
-        ("refused", "anna: geofence: twin: it is 1.00 m outside of the fence's side")
+        ("refused", "anna: geofence: twin: it is 1.00 m outside of the fence's north side")
     ]
     assert fence_of(core, "real") is fence_of(core, "twin") is OLD
     core.position(place("twin", 1.0, 1.3))
@@ -95,7 +95,7 @@ def test_the_guard_changes_all_fences_or_none() -> None:
     assert fence_of(core, "real") is fence_of(core, "twin") is NEW
 
 
-def test_who_lands_already_keeps_its_fence() -> None:
+def test_a_vehicle_that_lands_already_keeps_its_fence() -> None:
     core = core_of_two()
     core.position(place("real", 0.0, 1.0))
     core.command(OperatorCommand("abort", "bert"), 1.1)

@@ -7,8 +7,8 @@ import shapely
 from hypothesis import assume, example, given, reject
 from hypothesis import strategies as st
 
-from safety.fence.areas import Region
-from safety.fence.geofence import (
+from wil_campaign.safety.fence.areas import Region
+from wil_campaign.safety.fence.geofence import (
     _MOST_STEPS,
     _SHORTEST_STEP_M,
     Area,
@@ -18,8 +18,8 @@ from safety.fence.geofence import (
     Polygon,
     require_few_corners,
 )
-from safety.fence.stopping import Motion, stopping_path
-from worlds.frames import Vec3, add, lerp
+from wil_campaign.safety.fence.stopping import Motion, stopping_path
+from wil_campaign.worlds.frames import Vec3, add, lerp
 
 BOX = Fence.box(north_m=(-1.2, 4.2), east_m=(-2.7, 2.7), up_m=(-0.5, 2.3))
 L_SHAPE = Polygon(((0, 0), (10, 0), (10, 4), (4, 4), (4, 10), (0, 10)))
@@ -184,10 +184,26 @@ def test_keep_distance_and_words() -> None:
     breach = BOX.breached(Motion((4.0, 0, -1), (0, 0, 0)), latency_s=0, braking_m_s2=1, keep_m=0.3)
     assert breach is not None
     outside = BOX.breached(Motion((4.5, 0, -1), (0, 0, 0)), latency_s=0, braking_m_s2=1)
-    assert str(outside) == "0.30 m outside of the fence's side"
+    assert str(outside) == "0.30 m outside of the fence's north side"
     above = BOX.breached(Motion((0, 0, -2.2), (0, 0, -2)), latency_s=0.1, braking_m_s2=2)
     assert str(above) == "cannot stop before the fence's ceiling, 0.10 m away"
     assert BOX.boundary((0, 0, 1)) == "floor"
+
+
+def test_a_side_is_named_by_where_it_faces_and_an_exclusion_by_its_number() -> None:
+    fence = Fence(
+        inclusions=[Polygon.rectangle((-4, 4), (-4, 4))],
+        exclusions=[Circle((2, 2), 0.5), Polygon.rectangle((-2, -1), (-2, -1))],
+    )
+    sides = {(3.9, 0): "north", (0, 3.9): "east", (-4.1, 0): "south", (0, -3.9): "west"}
+    for (north_m, east_m), side in sides.items():
+        assert fence.boundary((north_m, east_m, -1)) == f"{side} side"
+    assert fence.boundary((4.1, 4.1, -1)) == "north-east side"
+    assert fence.boundary((1.4, 2, -1)) == "exclusion 1"
+    assert fence.boundary((-1.5, -1.1, -1)) == "exclusion 2"
+    assert Fence(exclusions=[Circle((2, 2), 0.5)]).boundary((2, 2.4, -1)) == "exclusion"
+    breach = fence.breached(Motion((3, 0, -1), (2, 0, 0)), latency_s=0.5, braking_m_s2=2)
+    assert str(breach) == "cannot stop before the fence's north side, 1.00 m away"
 
 
 def test_areas_unite_and_exclusions_cut() -> None:

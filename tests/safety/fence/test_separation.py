@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from safety.fence.geofence import Circle, Fence, Polygon
-from safety.fence.separation import moved, separation_m
-from worlds.frames import Pose, add, rotate
+from wil_campaign.safety.fence.geofence import Circle, Fence, Polygon
+from wil_campaign.safety.fence.separation import moved, separation_m
+from wil_campaign.worlds.frames import Pose, add, rotate
 
 SQUARE = Fence.box(north_m=(-1.0, 1.0), east_m=(-1.0, 1.0), up_m=(0.0, 2.0))
 metres = st.floats(-50.0, 50.0)

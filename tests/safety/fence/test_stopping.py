@@ -6,15 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from safety.fence.geofence import Fence
-from safety.fence.stopping import (
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.fence.stopping import (
     AccelerationEstimate,
     Motion,
     longest_path_m,
     stopping_path,
     velocities_ahead,
 )
-from worlds.frames import Vec3
+from wil_campaign.worlds.frames import Vec3
 
 HERE: Vec3 = (0.0, 0.0, -1.0)
 STANDING: Vec3 = (0.0, 0.0, 0.0)

@@ -8,9 +8,9 @@ import sys
 from pathlib import Path
 
 from tests.safety.conftest import STEP_S, FakeVehicle
-from vehicles.autopilots.autopilot import Mode
-from vehicles.links.link_strings import parse_link
-from vehicles.links.udp import UdpLink
+from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.links.link_strings import parse_link
+from wil_campaign.vehicles.links.udp import UdpLink
 
 
 async def fly(port: int, system: int, up_m: float, lost_s: float, log: Path) -> None:

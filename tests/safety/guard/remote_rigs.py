@@ -9,16 +9,16 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any, Self
 
-from safety.fence.geofence import Fence
-from safety.guard.core.events import GuardedVehicle, GuardSettings
-from safety.guard.process.guard_config import GuardConfig, Guarded
-from safety.guard.process.remote_guard import RemoteGuard
-from safety.model.samples import PoseSample
-from vehicles.autopilots.autopilot import Target, command_long
-from vehicles.autopilots.px4 import Px4
-from vehicles.links.link_conditions import LinkConditions
-from vehicles.mavlink.codec import Codec
-from worlds.frames import Pose
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
+from wil_campaign.safety.guard.process.guard_config import GuardConfig, Guarded
+from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.autopilots.autopilot import Target, command_long
+from wil_campaign.vehicles.autopilots.px4 import Px4
+from wil_campaign.vehicles.links.link_conditions import LinkConditions
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.worlds.frames import Pose
 
 ROOT = Path(__file__).parents[3]
 SYSTEMS = {"real": 1, "twin": 2}

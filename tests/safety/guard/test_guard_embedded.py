@@ -10,21 +10,21 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from orchestrator.model.clock import run_virtual
-from safety.fence.geofence import Fence
-from safety.guard.core.events import GuardedVehicle
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.local_guard import GuardLinks, LocalGuard
-from safety.model.samples import PoseSample
-from vehicles.autopilots.autopilot import Target
-from vehicles.autopilots.registry import autopilot_named
-from vehicles.driver import Driver
-from vehicles.driver.vehicle_state import EstimateSample
-from vehicles.embedded.physics.config import AutopilotKind, EmbeddedConfig
-from vehicles.embedded.physics.states import TruthSample
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.links.memory import memory_pair
-from vehicles.setpoints import VelocitySetpoint
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.events import GuardedVehicle
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.local_guard import GuardLinks, LocalGuard
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
+from wil_campaign.vehicles.embedded.physics.config import AutopilotKind, EmbeddedConfig
+from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 Cause = Literal["abort", "bring_down", "killed"]
 CAUSES: tuple[Cause, ...] = ("abort", "bring_down", "killed")

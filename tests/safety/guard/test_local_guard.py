@@ -5,19 +5,19 @@ from typing import Any, Self
 
 import pytest
 
-from orchestrator.model.clock import run_virtual
-from safety.fence.geofence import Fence
-from safety.guard.core.contingency import Phase
-from safety.guard.core.events import GuardedVehicle, GuardEvent
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.local_guard import GuardLinks, LocalGuard
-from safety.model.samples import PoseSample
-from vehicles.autopilots.autopilot import Mode, Target
-from vehicles.autopilots.px4 import Px4
-from vehicles.links.memory import memory_pair
-from vehicles.mavlink.codec import Codec
-from vehicles.poses.anchor import Anchor
-from worlds.frames import Pose
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.contingency import Phase
+from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardEvent
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.local_guard import GuardLinks, LocalGuard
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.autopilots.autopilot import Mode, Target
+from wil_campaign.vehicles.autopilots.px4 import Px4
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.worlds.frames import Pose
 
 LATENCY_S = 0.003
 FENCE = Fence.box(north_m=(-3, 5), east_m=(-3, 3), up_m=(-1, 6))

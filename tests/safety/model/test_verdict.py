@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from safety.model.oracle_results import OracleResult
-from safety.model.verdict import DecisiveEvent, DecisiveKind, decide
+from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.safety.model.verdict import DecisiveEvent, DecisiveKind, decide
 
 KINDS: tuple[DecisiveKind, ...] = ("ERROR", "INVALID", "FAIL", "ABORTED")
 
@@ -119,3 +119,18 @@ def test_signals_of_a_vehicle_that_is_being_lost_are_part_of_its_loss(
     decision = decide([silent, lost], [], end_s=60.0)
     assert decision.verdict == verdict
     assert len(decision.also) == 1
+
+
+def test_a_reason_says_the_worst_value_and_not_only_the_first() -> None:
+    near = DecisiveEvent(2.0, "FAIL", "real came within 0.5998 m of box", "clearance/real")
+    worst = {"clearance/real": "at worst 0.213 m", "speed/real": ""}
+    decision = decide([near], (), end_s=9.0, worst=worst)
+    assert decision.reason == "real came within 0.5998 m of box; at worst 0.213 m"
+    doubt = DecisiveEvent(2.0, "INVALID", "no pose", "clearance/real")
+    assert decide([doubt], (), end_s=9.0, worst=worst).reason == "no pose"
+
+
+def test_a_value_beside_its_limit_has_the_digits_that_tell_them_apart() -> None:
+    result = OracleResult("distance", "real", True, "FAIL", 0.5999, 0.6, "m", -0.0001, 3.0)
+    decision = decide((), [result], end_s=9.0)
+    assert decision.reason == "distance of real failed: 0.5999 m against 0.6 m"

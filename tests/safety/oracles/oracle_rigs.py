@@ -5,15 +5,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Self
 
-from safety.fence.geofence import Fence
-from safety.model.oracle_results import Flag, OracleResult
-from safety.model.samples import PoseSample, Stage, StageSample, StateSample
-from safety.oracles import Oracle, OracleContext, registry
-from safety.oracles.gates import gates_of
-from vehicles.autopilots.autopilot import Mode
-from worlds.frames import Pose, Vec3
-from worlds.scene.scene import Scene, SceneObject
-from worlds.scene.shapes import gate
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.model.oracle_results import Flag, OracleResult
+from wil_campaign.safety.model.samples import PoseSample, Stage, StageSample, StateSample
+from wil_campaign.safety.oracles.gates import gates_of
+from wil_campaign.safety.oracles.oracle import Oracle, OracleContext
+from wil_campaign.safety.oracles.registry import oracle_kinds
+from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.worlds.frames import Pose, Vec3
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.shapes import gate
 
 FENCE = Fence.box(north_m=(-1, 4), east_m=(-2, 2), up_m=(-0.5, 2.5))
 
@@ -37,6 +38,9 @@ class ScriptedProbe:
     def reaching(self, _: float) -> Self:
         return self
 
+    def above(self, _: float) -> Self:
+        return self
+
     def sweep(
         self,
         pose_0: Pose,
@@ -56,7 +60,7 @@ class ScriptedProbe:
 
 
 def build(kind: str, *, context: OracleContext | None = None, **parameters: Any) -> Oracle:
-    spec = registry[kind]
+    spec = oracle_kinds()[kind]
     model = spec.parameters.model_validate(parameters)
     used = context or OracleContext(mode="wil", subject="real", vehicle="real", fence=FENCE)
     return spec.build(kind, model, used, required=model.required)

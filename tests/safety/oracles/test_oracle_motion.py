@@ -10,17 +10,23 @@ from typing import Any, Self, get_args
 
 import pytest
 
-from safety.model.oracle_results import Flag, OracleResult
-from safety.model.samples import LinkSample, PoseSample, Stage, StageSample, StateSample
-from safety.oracles import Oracle, OracleContext, registry
-from safety.oracles.gates import gates_of
-from safety.oracles.oracle import MotionName
-from safety.oracles.oracle_terms import FLIGHT, Stages
-from safety.oracles.stl_signals import signals_of
 from tests.safety.oracles.oracle_rigs import FENCE, SCENE, Near, build
 from tests.safety.oracles.test_oracles import NEVER_FED
-from vehicles.autopilots.autopilot import Mode
-from worlds.frames import Pose, Vec3, norm, quat_from_euler, scale, subtract
+from wil_campaign.plugins.stl.stl_signals import signals_of
+from wil_campaign.safety.model.oracle_results import Flag, OracleResult
+from wil_campaign.safety.model.samples import (
+    LinkSample,
+    PoseSample,
+    Stage,
+    StageSample,
+    StateSample,
+)
+from wil_campaign.safety.oracles.gates import gates_of
+from wil_campaign.safety.oracles.oracle import MotionName, Oracle, OracleContext
+from wil_campaign.safety.oracles.oracle_terms import FLIGHT, Stages
+from wil_campaign.safety.oracles.registry import oracle_kinds
+from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.worlds.frames import Pose, Vec3, norm, quat_from_euler, scale, subtract
 
 Angles = tuple[float, float, float]
 VELOCITY: Vec3 = (0.5, 0.2, -0.3)
@@ -40,6 +46,9 @@ class OfPoint:
         self._names = names or SCENE.names
 
     def reaching(self, _: float) -> Self:
+        return self
+
+    def above(self, _: float) -> Self:
         return self
 
     def sweep(
@@ -118,7 +127,7 @@ def uses() -> Iterator[tuple[str, dict[str, Any]]]:
     """Every oracle as the test of no samples has it, and by each word that it offers to choose."""
     for kind, given in NEVER_FED:
         yield kind, given
-        for key, field in registry[kind].parameters.model_fields.items():
+        for key, field in oracle_kinds()[kind].parameters.model_fields.items():
             if key in {"vehicle", "from_", "to"}:
                 continue
             words = [one for one in get_args(field.annotation) if isinstance(one, str)]

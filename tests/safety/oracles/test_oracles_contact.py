@@ -5,15 +5,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from safety.model.oracle_results import Flag
-from safety.model.samples import PoseSample
-from safety.oracles import Oracle, OracleContext
-from safety.oracles.contact import CLEAR_AGAIN_M, margin_beyond
-from tests.safety.oracles.oracle_rigs import ScriptedProbe, build, contact, numbers, pose, stage
-from worlds.clearance.clearance import BoxShape, Clearance, ClearanceProbe
-from worlds.frames import Pose
-from worlds.scene.scene import Scene, SceneObject
-from worlds.scene.shapes import gate, room
+from tests.safety.oracles.oracle_rigs import (
+    ScriptedProbe,
+    build,
+    contact,
+    numbers,
+    pose,
+    stage,
+    state,
+)
+from wil_campaign.safety.model.oracle_results import Flag
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.safety.oracles.contact import CLEAR_AGAIN_M, margin_beyond
+from wil_campaign.safety.oracles.oracle import Oracle, OracleContext
+from wil_campaign.worlds.clearance.clearance import BoxShape, Clearance, ClearanceProbe
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.shapes import gate, room
 
 
 def test_contact_is_flagged_once_per_episode_and_named() -> None:
@@ -216,3 +224,121 @@ def test_where_nothing_came_near_the_margin_exceeds_what_the_oracle_sees(
     assert margin_beyond(found[1]) is None
     assert margin_beyond(replace(found[0], verdict="INVALID")) is None
     assert margin_beyond(replace(found[0], limit=None)) is None
+
+
+# The ground in the open
+
+
+def in_the_open(kind: str = "collision", **parameters: Any) -> Oracle:
+    """An oracle in a world without a room, whose ground is 1 m below the origin."""
+    probe = ClearanceProbe(Scene(), BoxShape((0.15, 0.15, 0.05)))
+    context = OracleContext(
+        mode="wil", subject="real", vehicle="real", probe=probe, ground_down_m=1.0
+    )
+    return build(kind, context=context, **parameters)
+
+
+def test_the_ground_in_the_open_counts_between_at_height_and_land_only() -> None:
+    judge = in_the_open()
+    stage(judge, takeoff=1.0)
+    assert not judge.on_pose(pose(1.5, (0, 0, 1)))
+    judge.on_pose(pose(1.9, (0, 0, 0)))
+    stage(judge, at_height=2.0)
+    downs_m = {2.5: 0.0, 3.0: 0.96, 3.5: 0.98, 4.0: 0.0, 4.2: 0.0, 4.5: 0.96}
+    flags = [
+        flag for t_s, down_m in downs_m.items() for flag in judge.on_pose(pose(t_s, (9, 0, down_m)))
+    ]
+    assert [(f.t_s, f.text, f.decisive) for f in flags] == [
+        (3.0, "real touched the ground", True),
+        (4.5, "real touched the ground", True),
+    ]
+    stage(judge, land=5.0)
+    assert not judge.on_pose(pose(6.0, (9, 0, 1)))
+    assert numbers(judge.result(7.0)) == ("FAIL", 0.0, 0.0, 0.0, 3.0)
+
+
+def test_a_tilted_body_touches_the_ground_with_its_edge() -> None:
+    judge = in_the_open()
+    stage(judge, takeoff=1.0, at_height=2.0)
+    tilted = Pose.of(0.0, 0.0, -0.9, roll_rad=math.radians(30.0))
+    assert not judge.on_pose(pose(3.0, (0, 0, 0.9)))
+    assert judge.on_pose(PoseSample(3.1, "real", tilted, (0, 0, 0)))
+    assert judge.result(4.0).at_s == 3.1
+
+
+def test_what_is_not_touched_tells_how_near_the_ground_came() -> None:
+    judge = in_the_open()
+    stage(judge, takeoff=1.0, at_height=2.0)
+    judge.on_pose(pose(3.0, (0, 0, 0.2)))
+    result = judge.result(4.0)
+    assert result.actual == pytest.approx(0.75)
+    assert (result.verdict, result.detail) == ("PASS", "closest to the ground")
+
+
+def test_a_clearance_is_to_objects_and_not_to_the_ground_in_the_open() -> None:
+    judge = in_the_open("clearance", min_m=1.5)
+    stage(judge, takeoff=1.0, at_height=2.0)
+    judge.on_pose(pose(3.0, (0, 0, 0.9)))
+    assert judge.result(4.0).detail == "nothing near"
+
+
+def test_a_floor_is_touched_in_place_of_the_ground_beneath_it() -> None:
+    cage = Scene((SceneObject(1, "cage", room(6, 6, 2.5), Pose.of(0, 0, 0)),))
+    probe = ClearanceProbe(cage, BoxShape((0.15, 0.15, 0.05))).above(0.01)
+
+    def floors(north_m: float, up_m: float) -> list[tuple[str, float]]:
+        at = Pose.of(north_m, 0, up_m)
+        swept = probe.sweep(at, 0.0, at, 0.0)
+        return [(one.object_name, one.clearance_m) for one in swept if one.is_floor]
+
+    assert floors(0.0, 0.0) == [("cage", 0.0)]
+    ((name, clearance_m),) = floors(0.0, 0.55)
+    assert (name, round(clearance_m, 3)) == ("cage", 0.5)
+    assert floors(9.0, 0.0) == [("the ground", 0.0)]
+    assert cage.floor_down_m == 0.0
+    assert Scene().floor_down_m is None
+
+
+def test_a_vehicle_that_reports_the_ground_in_flight_has_touched_it() -> None:
+    """An estimate may have drifted: the vehicle stands, and its positions say half a metre up."""
+    judge = in_the_open()
+    stage(judge, takeoff=1.0)
+    judge.on_pose(pose(1.0, (0, 0, 0)))
+    # A report of before the takeoff may still be the newest one.
+    reports = {1.5: True, 2.1: True, 2.5: False, 4.0: True, 4.1: True, 5.0: False}
+    flags = list(judge.on_state(state(1.5, landed=True)))
+    stage(judge, at_height=2.0)
+    flags += [
+        f
+        for t_s, landed in reports.items()
+        if t_s > 2
+        for f in judge.on_state(state(t_s, landed=landed))
+    ]
+    text = "real reported that it is on the ground before it was to land"
+    assert [(f.t_s, f.text, f.decisive) for f in flags] == [(4.0, text, True)]
+    stage(judge, land=6.0)
+    assert not judge.on_state(state(7.0, landed=True))
+    result = judge.result(8.0)
+    assert (result.verdict, result.actual, result.at_s) == ("FAIL", 0.0, 4.0)
+
+
+def test_a_report_that_comes_as_the_landing_begins_is_of_the_landing() -> None:
+    judge = in_the_open()
+    judge.on_pose(pose(0.0))
+    stage(judge, takeoff=1.0, at_height=2.0)
+    judge.on_pose(pose(2.5))
+    judge.on_state(state(2.5, landed=False))
+    stage(judge, land=3.0)
+    assert not judge.on_state(state(3.1, landed=True))
+    assert judge.result(4.0).verdict == "PASS"
+
+
+def test_a_clearance_below_its_limit_says_the_limit_and_the_worst_value() -> None:
+    probe = ScriptedProbe({2.0: [("box", "", 0.59998)], 3.0: [("box", "", 0.2)]})
+    context = OracleContext(mode="sim", subject="real", vehicle="real", probe=probe)
+    judge = build("clearance", context=context, min_m=0.6)
+    stage(judge, takeoff=1.0)
+    flags = [flag for t_s in (2.0, 3.0) for flag in judge.on_pose(pose(t_s))]
+    text = "real came within 0.59998 m of box; the limit is 0.6 m"
+    assert [flag.text for flag in flags] == [text]
+    assert judge.worst_text == "at worst 0.200 m"

@@ -3,21 +3,22 @@ from typing import Any
 
 import pytest
 
-from safety.model.samples import LinkSample, PoseSample
-from safety.oracles import OracleContext, OracleError
 from tests.safety.oracles.oracle_rigs import build, fly, numbers, pose, stage, state
-from worlds.frames import Pose, Vec3
+from wil_campaign.safety.model.samples import LinkSample, PoseSample
+from wil_campaign.safety.oracles.oracle import OracleContext, OracleError
+from wil_campaign.worlds.frames import Pose, Vec3
 
 
 def test_geofence_worst_margin_and_each_exit() -> None:
     judge = build("geofence")
     stage(judge, takeoff=1.0)
     texts = fly(judge, (0, 0, -1), (3.8, 0, -1), (4.3, 0, -1), (4.4, 0, -1), (0, 0, -1), (0, 0, -3))
-    assert texts == ["real left the fence by its side", "real left the fence by its ceiling"]
+    assert texts == ["real left the fence by its north side", "real left the fence by its ceiling"]
     result = judge.result(9.0)
     assert result.verdict == "FAIL"
     assert result.margin == result.actual == pytest.approx(-0.5)
     assert result.at_s == 8.0
+    assert judge.worst_text == "at worst 0.50 m outside"
 
 
 def test_geofence_has_no_floor_near_the_ground() -> None:
@@ -42,7 +43,7 @@ def test_altitude_band() -> None:
     assert fly(judge, (0, 0, 0), (0, 0, -1.9)) == []
     stage(judge, at_height=5.0)
     assert fly(judge, (0, 0, -1), (0, 0, -0.4), (0, 0, -0.3), start_s=5.0) == [
-        "real is 0.40 m high"
+        "real is at a height of 0.40 m; the limit is 0.5 m"
     ]
     stage(judge, land=8.0)
     assert fly(judge, (0, 0, 0), start_s=9.0) == []
@@ -179,7 +180,7 @@ def test_divergence_with_a_limit() -> None:
     stage(judge, takeoff=0.0)
     judge.on_pose(twin(1.0, (0, 0, -1)))
     assert [f.text for f in judge.on_pose(pose(1.0, (0, 1, -1)))] == [
-        "real and twin are 1.00 m apart"
+        "real and twin are 1.00 m apart; the limit is 0.5 m"
     ]
     stage(judge, land=2.0)
     judge.on_pose(pose(3.0, (0, 9, -1)))

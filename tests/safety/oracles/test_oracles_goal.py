@@ -2,13 +2,13 @@ import math
 
 import pytest
 
-from safety.oracles import Oracle, OracleContext, OracleError
-from safety.oracles.gates import SceneGate, gates_of
 from tests.safety.oracles.oracle_rigs import SCENE, build, fly, numbers, reached, stage
-from worlds.frames import Pose, Vec3
-from worlds.scene.motion import Motion, StartOn, Waypoint
-from worlds.scene.scene import SceneObject
-from worlds.scene.shapes import gate
+from wil_campaign.safety.oracles.gates import SceneGate, gates_of
+from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError
+from wil_campaign.worlds.frames import Pose, Vec3
+from wil_campaign.worlds.scene.motion import Motion, StartOn, Waypoint
+from wil_campaign.worlds.scene.scene import SceneObject
+from wil_campaign.worlds.scene.shapes import gate
 
 
 def test_through_a_gate_reports_offset_and_time() -> None:

@@ -5,11 +5,11 @@ from typing import Any
 
 import pytest
 
-from safety.model.samples import PoseSample, StageSample, StateSample
-from safety.oracles import Oracle, OracleContext, OracleError
 from tests.safety.oracles.oracle_rigs import ScriptedProbe, build, fly, pose, stage
-from vehicles.autopilots.autopilot import Mode
-from worlds.frames import Pose, quat_from_euler
+from wil_campaign.safety.model.samples import PoseSample, StageSample, StateSample
+from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError
+from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.worlds.frames import Pose, quat_from_euler
 
 NORTH_1 = (1.0, 0.0, -1.0)
 
@@ -52,7 +52,7 @@ def test_speed_is_judged_along_its_axis(axis: str, fastest: float) -> None:
     stage(judge, takeoff=1.0)
     assert judge.on_pose(moving(2.0, 0.0, 1.0, 0.5)) == ()
     (flag,) = judge.on_pose(moving(3.0, 0.0, 3.0, 4.0))
-    assert flag.text == f"real flew {fastest:.2f} m/s"
+    assert flag.text == f"real flew {fastest:.2f} m/s; the limit is 2 m/s"
     result = judge.result(9.0)
     assert (result.verdict, result.actual, result.limit) == ("FAIL", fastest, 2.0)
     assert (result.margin, result.at_s, result.unit) == (2.0 - fastest, 3.0, "m/s")
@@ -77,7 +77,7 @@ def test_attitude_tells_the_angle_that_is_nearest_to_its_limit() -> None:
     assert judge.on_pose(leaning(2.0, roll_deg=-15.0)) == ()
     assert judge.result(3.0).margin == pytest.approx(5.0)
     (flag,) = judge.on_pose(leaning(3.0, pitch_deg=-31.0))
-    assert flag.text == "real had a pitch of 31.0 deg"
+    assert flag.text == "real had a pitch of 31.0 deg; the limit is 30 deg"
     result = judge.result(9.0)
     assert (result.verdict, result.limit) == ("FAIL", 30.0)
     assert result.actual == pytest.approx(31.0)
@@ -109,7 +109,7 @@ def test_distance_between_limits() -> None:
     near = {float(t): [("person", "", d)] for t, d in ((2, 2.5), (3, 1.5), (4, 5.5), (5, 3.0))}
     judge = distance_judge(near, min_m=2.0, max_m=5.0)
     flags = [flag.text for t in near for flag in judge.on_pose(pose(t))]
-    assert flags == ["real was 1.50 m from person"]
+    assert flags == ["real was 1.50 m from person; the limit is 2 m"]
     result = judge.result(9.0)
     assert (result.verdict, result.actual, result.limit) == ("FAIL", 1.5, (2.0, 5.0))
     assert (result.margin, result.at_s) == (-0.5, 3.0)
@@ -141,7 +141,7 @@ def test_an_area_of_its_own() -> None:
     keep = {"include": [{"circle": {"north_m": 0, "east_m": 0, "radius_m": 2}}], "up_m": (-1, 3)}
     judge = build("area", keep=keep)
     stage(judge, takeoff=1.0)
-    assert fly(judge, (0, 0, -1), (0, 2.5, -1)) == ["real left its area by its side"]
+    assert fly(judge, (0, 0, -1), (0, 2.5, -1)) == ["real left its area by its east side"]
     assert judge.result(9.0).margin == pytest.approx(-0.5)
 
 
@@ -187,10 +187,10 @@ def test_battery_by_charge_and_by_voltage() -> None:
         assert judge.result(2.0).detail == "it never reported its battery"
     assert charge.on_state(state_of(3.0, percent=20.0, volts=9.0)) == ()
     assert voltage.on_state(state_of(3.0, percent=5.0, volts=10.6)) == ()
-    assert (
-        charge.on_state(state_of(4.0, percent=19.0, volts=9.0))[0].text == "real: battery at 19 %"
-    )
-    assert voltage.on_state(state_of(4.0, volts=10.0))[0].text == "real: battery at 10 V"
+    (low,) = charge.on_state(state_of(4.0, percent=19.0, volts=9.0))
+    assert low.text == "real: battery at 19.0 %; the limit is 20 %"
+    (low,) = voltage.on_state(state_of(4.0, volts=10.0))
+    assert low.text == "real: battery at 10.0 V; the limit is 10.5 V"
     assert charge.result(5.0).margin == pytest.approx(-1.0)
     assert (voltage.result(5.0).margin, voltage.result(5.0).unit) == (-0.5, "V")
 
@@ -246,7 +246,9 @@ def test_a_window_of_the_campaigns_own() -> None:
     stage(judge, takeoff=1.0, at_height=2.0)
     assert fly(judge, (0, 0, -3)) == []
     stage(judge, goal=3.0)
-    assert fly(judge, (0, 0, -3), start_s=4.0) == ["real is 3.00 m high"]
+    assert fly(judge, (0, 0, -3), start_s=4.0) == [
+        "real is at a height of 3.00 m; the limit is 2 m"
+    ]
     stage(judge, done=5.0)
     assert fly(judge, (0, 0, -1), (0, 0, -4), start_s=6.0) == []
     assert judge.result(9.0).actual == 3.0

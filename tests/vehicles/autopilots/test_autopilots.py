@@ -10,13 +10,19 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.px4_modes import px4_custom_mode
-from vehicles.autopilots.ardupilot import ArduCopter
-from vehicles.autopilots.autopilot import Autopilot, MessageRate, Mode, Target, TelemetryRates
-from vehicles.autopilots.px4 import Px4
-from vehicles.autopilots.readiness import Readiness
-from vehicles.autopilots.registry import autopilot_named, autopilot_of
-from vehicles.errors import VehicleError
-from vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
+from wil_campaign.vehicles.autopilots.autopilot import (
+    Autopilot,
+    MessageRate,
+    Mode,
+    Target,
+    TelemetryRates,
+)
+from wil_campaign.vehicles.autopilots.px4 import Px4
+from wil_campaign.vehicles.autopilots.readiness import Readiness
+from wil_campaign.vehicles.autopilots.registry import autopilot_named, autopilot_of
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.mavlink.codec import Codec
 
 TARGET = Target(3, 1)
 BOTH = [Px4(), ArduCopter()]

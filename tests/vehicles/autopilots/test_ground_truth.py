@@ -6,12 +6,12 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.ardupilot import ArduCopter
-from vehicles.autopilots.autopilot import Autopilot, TelemetryRates
-from vehicles.autopilots.ground_truth import GroundTruthError
-from vehicles.autopilots.px4 import Px4
-from vehicles.mavlink.codec import Codec
-from worlds.frames import euler_from_quat
+from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, TelemetryRates
+from wil_campaign.vehicles.autopilots.ground_truth import GroundTruthError
+from wil_campaign.vehicles.autopilots.px4 import Px4
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.worlds.frames import euler_from_quat
 
 HALF = math.sqrt(0.5)
 TURNED_EAST = (HALF, 0.0, 0.0, HALF)

@@ -9,20 +9,20 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 
-from orchestrator.model.clock import run_virtual
-from vehicles.cameras.camera_effects import (
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.cameras.camera_effects import (
     NO_STREAK,
     CameraEffects,
     CameraQuality,
     blur_image,
     streak_px,
 )
-from vehicles.cameras.rendered_cameras import OnDemandCamera, RenderedCamera, next_tick
-from vehicles.embedded.profile import load_profile
-from vehicles.poses.pose_history import PoseHistory
-from vehicles.readings import BgrImage, CameraReading, DepthImage, IdImage
-from worlds.camera import CameraMount, Intrinsics
-from worlds.frames import Pose, quat_from_euler
+from wil_campaign.vehicles.cameras.rendered_cameras import OnDemandCamera, RenderedCamera, next_tick
+from wil_campaign.vehicles.embedded.profile import load_profile
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.vehicles.readings import BgrImage, CameraReading, DepthImage, IdImage
+from wil_campaign.worlds.camera import CameraMount, Intrinsics
+from wil_campaign.worlds.frames import Pose, quat_from_euler
 
 T = TypeVar("T")
 

@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.ports import free_port
 from tests.vehicles.embedded.running_vehicle import running_vehicle
-from vehicles.embedded.process.process_settings import ProcessSettings
+from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 
 HERE = Path(__file__).parent
 ROOT = Path(__file__).parents[3]

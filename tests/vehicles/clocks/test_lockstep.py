@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vehicles.clocks.lockstep import LEAD_S, REPORT_S, Lockstep
-from vehicles.clocks.sim_clock_controller import STALL_S, STEP_S, Segment
+from wil_campaign.vehicles.clocks.lockstep import LEAD_S, REPORT_S, Lockstep
+from wil_campaign.vehicles.clocks.sim_clock_controller import STALL_S, STEP_S, Segment
 
 NOMINAL = 4.0
 _TICK_S = 0.0005
@@ -115,7 +115,7 @@ def test_the_clock_waits_for_one_that_is_late_and_makes_no_leap_after_it() -> No
         max_size=4,
     )
 )
-def test_whoever_is_late_nobody_leaves_the_others(
+def test_a_late_client_is_left_behind_by_no_other(
     delays: list[list[tuple[float, float]]],
 ) -> None:
     def busy(late: list[tuple[float, float]]) -> Callable[[float], bool]:
@@ -145,7 +145,7 @@ def test_an_extension_leaves_the_line_as_it_is() -> None:
     assert lockstep.segment.run_s == pytest.approx(second.end_s)
 
 
-def test_who_hangs_is_found_by_the_wall_and_waited_for_no_more_until_it_reports() -> None:
+def test_a_client_that_hangs_is_found_by_the_wall_and_waited_for_no_more_until_it_reports() -> None:
     lockstep = Lockstep(nominal=NOMINAL)
     for name in ("real", "orchestrator"):
         lockstep.join(name)

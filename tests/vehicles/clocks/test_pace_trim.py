@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.clocks.pace_trim import PaceTrim
+from wil_campaign.vehicles.clocks.pace_trim import PaceTrim
 
 STEP_S = 0.05
 

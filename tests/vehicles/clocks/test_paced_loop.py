@@ -6,10 +6,10 @@ import time
 
 import pytest
 
-from orchestrator.model.clock import run_virtual
-from vehicles.clocks.paced_loop import PacedLoop, call_wall_later
-from vehicles.clocks.progress import ProgressReporter
-from vehicles.clocks.sim_clock_controller import Segment
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.clocks.paced_loop import PacedLoop, call_wall_later
+from wil_campaign.vehicles.clocks.progress import ProgressReporter
+from wil_campaign.vehicles.clocks.sim_clock_controller import Segment
 
 
 def test_waits_take_as_much_of_the_wall_s_time_as_the_pace_leaves() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from vehicles.clocks.quick_loop import QuickLoop, quick_loop
+from wil_campaign.vehicles.clocks.quick_loop import QuickLoop, quick_loop
 
 LOOPS: tuple[Callable[[], asyncio.AbstractEventLoop], ...] = (QuickLoop, asyncio.new_event_loop)
 
@@ -167,7 +167,9 @@ def test_without_epoll_the_loop_is_asyncio_s(monkeypatch: pytest.MonkeyPatch) ->
 def test_where_asyncio_is_built_otherwise_the_loop_is_its_own(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("vehicles.clocks.quick_loop._OF_SELECTOR", {"_fd_to_key", "_renamed"})
+    monkeypatch.setattr(
+        "wil_campaign.vehicles.clocks.quick_loop._OF_SELECTOR", {"_fd_to_key", "_renamed"}
+    )
     loop = quick_loop()
     loop.close()
     assert not isinstance(loop, QuickLoop)

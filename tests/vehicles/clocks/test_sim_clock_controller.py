@@ -11,7 +11,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from vehicles.clocks.sim_clock_controller import (
+from wil_campaign.vehicles.clocks.sim_clock_controller import (
     STALL_S,
     STEP_S,
     BootTrack,

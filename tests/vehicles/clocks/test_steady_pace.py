@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.clocks.steady_pace import Exchange, SteadyPace
+from wil_campaign.vehicles.clocks.steady_pace import Exchange, SteadyPace
 
 _STEPS = st.tuples(
     st.floats(0.05, 0.4),

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import Phase, example, given, settings
 from hypothesis import strategies as st
 
-from vehicles.clocks.timesync import ClockMap, VehicleClock
+from wil_campaign.vehicles.clocks.timesync import ClockMap, VehicleClock
 
 latencies_s = st.floats(0.0, 0.3)
 

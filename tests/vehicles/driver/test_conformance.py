@@ -15,27 +15,27 @@ from typing import Literal, get_args
 import numpy as np
 import pytest
 
-from orchestrator.model.clock import run_virtual
 from tests.ports import free_port
 from tests.vehicles.links.test_flapping import patient_loop
-from vehicles.autopilots.autopilot import AutopilotName, Mode
-from vehicles.clocks.paced_loop import PacedLoop
-from vehicles.clocks.sim_clock_controller import Segment
-from vehicles.command_backends import DriverName, command_backend_of
-from vehicles.driver import Driver
-from vehicles.driver.onboard.mission_protocol import ItemList, MissionItem
-from vehicles.driver.vehicle_state import VehicleEvent
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.links.impaired import ImpairedLink
-from vehicles.links.impairment import Impairment
-from vehicles.links.link import Link
-from vehicles.links.link_factory import open_link
-from vehicles.links.link_strings import parse_link
-from vehicles.links.memory import memory_pair
-from vehicles.mavlink.fence_areas import FenceCircle, Place
-from vehicles.mavsdk import mavsdk_client
-from vehicles.setpoints import VelocitySetpoint
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.plugins.mavsdk import mavsdk_client
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Mode
+from wil_campaign.vehicles.clocks.paced_loop import PacedLoop
+from wil_campaign.vehicles.clocks.sim_clock_controller import Segment
+from wil_campaign.vehicles.command_backends import command_backend_of
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.onboard.mission_protocol import ItemList, MissionItem
+from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.links.impaired import ImpairedLink
+from wil_campaign.vehicles.links.impairment import Impairment
+from wil_campaign.vehicles.links.link import Link
+from wil_campaign.vehicles.links.link_factory import open_link
+from wil_campaign.vehicles.links.link_strings import parse_link
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle, Place
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 LinkKind = Literal["memory", "impaired", "udp", "tcp"]
 BAD = Impairment(latency_s=0.08, jitter_s=0.04, loss=0.05)
@@ -44,7 +44,7 @@ UNTIL_READY, IN_FLIGHT, EXCHANGE = 16.0, 4.0, 1.0
 AMPLE_S = 1000.0
 """A time limit that only ends what hangs: 16 s pass in one of a wall that waits for nobody."""
 AUTOPILOTS: tuple[AutopilotName, ...] = get_args(AutopilotName)
-LINKS: dict[DriverName, tuple[LinkKind, ...]] = {
+LINKS: dict[str, tuple[LinkKind, ...]] = {
     "mavlink": get_args(LinkKind),
     "mavsdk": ("impaired", "udp", "tcp"),
 }
@@ -58,7 +58,7 @@ EVERYWHERE = pytest.mark.parametrize(
 class Flown:
     driver: Driver
     vehicle: EmbeddedVehicle
-    voice: DriverName
+    voice: str
     events: list[VehicleEvent] = field(default_factory=list)
 
 
@@ -83,7 +83,7 @@ def link_pair(kind: LinkKind) -> tuple[Link, Link]:
 
 
 def fly(
-    autopilot: AutopilotName, kind: LinkKind, script: Script, *, voice: DriverName = "mavlink"
+    autopilot: AutopilotName, kind: LinkKind, script: Script, *, voice: str = "mavlink"
 ) -> Flown:
     async def flight() -> Flown:
         ours, theirs = link_pair(kind)
@@ -111,7 +111,7 @@ def fly(
         return runner.run(flight())
 
 
-def virtual(voice: DriverName, kind: LinkKind) -> bool:
+def virtual(voice: str, kind: LinkKind) -> bool:
     return voice == "mavlink" and kind in {"memory", "impaired"}
 
 
@@ -179,7 +179,7 @@ def _waypoint(place: tuple[float, float], north: int) -> MissionItem:
 
 @EVERYWHERE
 def test_the_whole_of_a_flight(
-    voice: DriverName,
+    voice: str,
     autopilot: AutopilotName,
     kind: LinkKind,
     tmp_path: Path,

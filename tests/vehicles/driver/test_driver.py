@@ -9,27 +9,27 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.model.clock import run_virtual
 from tests.ports import free_port
-from vehicles.autopilots.autopilot import AutopilotName
-from vehicles.driver import Driver
-from vehicles.driver.vehicle_state import EstimateSample, VehicleEvent
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.errors import (
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.vehicle_state import EstimateSample, VehicleEvent
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.errors import (
     ArmRefusedError,
     CommandError,
     IdentifyError,
     NotReadyError,
     ParameterError,
 )
-from vehicles.links.link_factory import open_link
-from vehicles.links.link_strings import parse_link
-from vehicles.links.memory import memory_pair
-from vehicles.links.tapped import TappedLink
-from vehicles.mavlink.codec import Codec
-from vehicles.setpoints import PositionSetpoint, VelocitySetpoint
-from worlds.frames import Pose, norm, subtract
+from wil_campaign.vehicles.links.link_factory import open_link
+from wil_campaign.vehicles.links.link_strings import parse_link
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.links.tapped import TappedLink
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.setpoints import PositionSetpoint, VelocitySetpoint
+from wil_campaign.worlds.frames import Pose, norm, subtract
 
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 POSITION = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
@@ -120,6 +120,21 @@ def test_a_flight(autopilot: AutopilotName) -> None:
     assert not {"failsafe", "fault", "link_lost", "reboot"} & set(kinds)
 
 
+def test_a_vehicle_that_stays_armed_after_its_landing_is_commanded_to_disarm() -> None:
+    """COM_DISARM_LAND of -1: it was armed for 60 s, and every flight an ERROR."""
+
+    async def script(driver: Driver, _: EmbeddedVehicle) -> float:
+        await _up(driver, 1.2)
+        await driver.land()
+        await _until(lambda: driver.state.landed == "on_ground", 20.0)
+        landed_s = asyncio.get_running_loop().time()
+        await driver.disarmed(40.0)
+        return asyncio.get_running_loop().time() - landed_s
+
+    took_s = _fly("px4", script, parameters={"COM_DISARM_LAND": -1.0})
+    assert 5.0 <= took_s < 7.0
+
+
 @BOTH
 def test_estimates_come_at_their_rate_and_are_true(autopilot: AutopilotName) -> None:
     samples: list[EstimateSample] = []
@@ -165,7 +180,7 @@ def test_flies_whatever_the_latency(autopilot: AutopilotName, latency_s: float) 
 
 
 @BOTH
-def test_who_landed_gets_ready_again_where_it_stands(autopilot: AutopilotName) -> None:
+def test_a_landed_vehicle_gets_ready_again_where_it_stands(autopilot: AutopilotName) -> None:
     async def script(driver: Driver, _: EmbeddedVehicle) -> None:
         for _turn in range(2):
             await _up(driver, 1.0)

@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.model.clock import run_virtual
 from tests.ports import free_port
-from vehicles.driver import Driver
-from vehicles.driver.vehicle_state import EstimateSample, VehicleEvent
-from vehicles.errors import (
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.vehicle_state import Battery, EstimateSample, VehicleEvent
+from wil_campaign.vehicles.errors import (
     AnchorError,
     ArmRefusedError,
     CommandTimeoutError,
@@ -20,14 +20,14 @@ from vehicles.errors import (
     StateTimeoutError,
     VehicleError,
 )
-from vehicles.links.link import Receiver
-from vehicles.links.link_strings import parse_link
-from vehicles.links.memory import memory_pair
-from vehicles.links.tapped import TappedLink
-from vehicles.links.udp import UdpLink
-from vehicles.poses.anchor import Anchor
-from vehicles.setpoints import PositionSetpoint, VelocitySetpoint
-from worlds.frames import Pose
+from wil_campaign.vehicles.links.link import Receiver
+from wil_campaign.vehicles.links.link_strings import parse_link
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.links.tapped import TappedLink
+from wil_campaign.vehicles.links.udp import UdpLink
+from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.vehicles.setpoints import PositionSetpoint, VelocitySetpoint
+from wil_campaign.worlds.frames import Pose
 
 Script = Callable[[Driver, Any], Awaitable[Any]]
 
@@ -113,7 +113,7 @@ def test_garbage_and_headless_mavlink_are_distinguished() -> None:
             return str(caught.value)
 
     assert "not MAVLink" in run_virtual(listen(b"\x00\x55garbage"))
-    from vehicles.mavlink.codec import Codec
+    from wil_campaign.vehicles.mavlink.codec import Codec
 
     codec = Codec(system_id=1, component_id=1)
     attitude = codec.pack(mavlink.MAVLink_attitude_message(1, *[0.0] * 6))
@@ -137,7 +137,7 @@ def test_a_one_way_link_is_reported(fake_pair: Callable[..., Any]) -> None:
 
 @pytest.mark.parametrize(("late_s", "words"), [(0.1, "one-way"), (1.2, "itself was 1.2 s late")])
 def test_a_link_is_not_blamed_for_what_this_program_read_late(late_s: float, words: str) -> None:
-    from vehicles.mavlink.codec import Codec
+    from wil_campaign.vehicles.mavlink.codec import Codec
 
     class ReadLate(TappedLink):
         """A link whose bytes were stamped when they came, and are read so much later."""
@@ -290,6 +290,70 @@ def test_silence_is_an_event_and_in_the_error(fake_pair: Callable[..., Any]) -> 
     assert events[1].duration_s == pytest.approx(11.0, abs=0.1)
 
 
+def test_a_refusal_to_disarm_on_the_ground_is_not_the_last_word(
+    fake_pair: Callable[..., Any],
+) -> None:
+    """As of an ArduPilot with DISARM_DELAY of 0, whose landing detector is slow."""
+
+    def refuse_twice(peer: Any, message: Any) -> None:
+        refused = len(peer.commands(400)) < 4  # The first one armed it.
+        peer.armed = bool(message.param1) or refused
+        peer.ack(message, mavlink.MAV_RESULT_FAILED if refused and not message.param1 else 0)
+        peer.heartbeat()
+
+    async def script(driver: Driver, peer: Any) -> float:
+        peer.replies["COMMAND_LONG:400"] = refuse_twice
+        await _armed(driver)
+        began_s = asyncio.get_running_loop().time()
+        await driver.disarmed(60.0)
+        return asyncio.get_running_loop().time() - began_s
+
+    assert 15.0 <= _run(fake_pair, script) < 18.0
+
+
+def test_a_vehicle_is_not_commanded_to_disarm_before_it_has_landed(
+    fake_pair: Callable[..., Any],
+) -> None:
+    async def script(driver: Driver, peer: Any) -> None:
+        await _armed(driver)
+        peer.landed_state = 4
+        with pytest.raises(StateTimeoutError, match="not disarmed within 20 s"):
+            await driver.disarmed(20.0)
+        assert [each.param1 for each in peer.commands(400)] == [1.0]
+
+    _run(fake_pair, script)
+
+
+@pytest.mark.parametrize(
+    ("voltage_mv", "percent", "battery"),
+    [
+        (12_600, 80, Battery(12.6, 0.8)),
+        (9_000, 0, Battery(9.0, 0.0)),
+        (0, -1, Battery(None, None)),
+        (0, 0, Battery(None, None)),
+        (0, 100, Battery(None, 1.0)),
+        (0xFFFF, -1, Battery(None, None)),
+        (0xFFFF, 0, Battery(None, 0.0)),
+    ],
+)
+def test_a_battery_without_a_power_module_is_not_measured(
+    fake_pair: Callable[..., Any], voltage_mv: int, percent: int, battery: Battery
+) -> None:
+    """Nor does it count as a report of a battery, which the evidence of its oracle is."""
+
+    async def script(driver: Driver, peer: Any) -> None:
+        await driver.identify(5.0)
+        peer.battery = voltage_mv, percent
+        await asyncio.sleep(1.0)
+        assert driver.state.battery == battery
+        before_s = driver.reported_s.get("battery")
+        await asyncio.sleep(2.0)
+        reports = driver.reported_s.get("battery") != before_s
+        assert reports == (battery != Battery(None, None))
+
+    _run(fake_pair, script)
+
+
 def test_events_tell_what_was_asked_for_and_what_not(fake_pair: Callable[..., Any]) -> None:
     async def script(driver: Driver, peer: Any) -> list[tuple[str, str, bool]]:
         events: list[VehicleEvent] = []
@@ -310,6 +374,12 @@ def test_events_tell_what_was_asked_for_and_what_not(fake_pair: Callable[..., An
         await asyncio.sleep(1.5)
         return [(each.kind, each.text, each.asked) for each in events]
 
+    fault = (
+        "the estimator is not initialised, the estimator has lost its attitude, its horizontal "
+        "velocity, its vertical velocity, its absolute height (ATTITUDE, VELOCITY_HORIZ, "
+        "VELOCITY_VERT, POS_VERT_ABS), the estimator has lost its relative position, its absolute "
+        "position (POS_HORIZ_REL, POS_HORIZ_ABS)"
+    )
     assert _run(fake_pair, script) == [
         ("mode", "STABILIZE", False),
         ("landed_state", "on_ground", False),
@@ -320,11 +390,11 @@ def test_events_tell_what_was_asked_for_and_what_not(fake_pair: Callable[..., An
         ("text", "Radio Failsafe - Disarming", False),
         ("mode", "RTL", False),
         ("failsafe", "MAV_STATE_CRITICAL", False),
-        ("fault", "the estimator is not initialised", False),
+        ("fault", fault, False),
         ("landed_state", "in_air", False),
         ("disarmed", "RTL", False),
         ("failsafe_over", "MAV_STATE_STANDBY", False),
-        ("fault_over", "the estimator is not initialised", False),
+        ("fault_over", fault, False),
     ]
 
 
@@ -466,3 +536,30 @@ def test_nothing_is_sent_after_the_end(fake_pair: Callable[..., Any]) -> None:
 
     before, after = run_virtual(fly())
     assert before == after
+
+
+def test_full_text_without_an_end_is_the_reason_at_once_and_an_event_after_a_second(
+    fake_pair: Callable[..., Any],
+) -> None:
+    """PX4 gives an id to all of its texts, and sends no empty piece after a full one."""
+    reason = "Preflight Fail: Vehicle is in safety configuration"
+    assert len(reason) == 50
+
+    async def script(driver: Driver, peer: Any) -> list[VehicleEvent]:
+        events: list[VehicleEvent] = []
+        peer.prearm = False
+        driver.on_event(events.append)
+        await driver.identify(5.0)
+        await asyncio.sleep(1.0)
+        asyncio.get_running_loop().call_later(
+            1.5, peer.say, mavlink.MAVLink_statustext_message(2, reason.encode(), 9, 0)
+        )
+        with pytest.raises(NotReadyError, match="Vehicle is in safety configuration"):
+            await driver.ready(2.0)
+        texts = [one for one in events if one.kind == "text"]
+        assert texts == []
+        await asyncio.sleep(1.0)
+        return [one for one in events if one.kind == "text"]
+
+    ((event),) = _run(fake_pair, script, peer_is="px4")
+    assert (event.text, event.severity) == (reason, 2)

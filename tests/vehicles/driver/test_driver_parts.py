@@ -12,20 +12,29 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.model.clock import run_virtual
-from vehicles.autopilots.autopilot import Target, command_long
-from vehicles.driver.onboard.mission_protocol import (
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.autopilots.autopilot import Target, command_long
+from wil_campaign.vehicles.driver.onboard.mission_protocol import (
     ItemList,
     MissionError,
     MissionItem,
     MissionProtocol,
 )
-from vehicles.driver.onboard.parameters import Parameters, decode_parameter, encode_parameter
-from vehicles.driver.session.commands import Commander
-from vehicles.driver.session.conditions import ConditionWaiter
-from vehicles.driver.session.repeater import Repeater
-from vehicles.driver.session.session import Session
-from vehicles.errors import CommandError, CommandTimeoutError, ParameterError, VehicleError
+from wil_campaign.vehicles.driver.onboard.parameters import (
+    Parameters,
+    decode_parameter,
+    encode_parameter,
+)
+from wil_campaign.vehicles.driver.session.commands import Commander
+from wil_campaign.vehicles.driver.session.conditions import ConditionWaiter
+from wil_campaign.vehicles.driver.session.repeater import Repeater
+from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.errors import (
+    CommandError,
+    CommandTimeoutError,
+    ParameterError,
+    VehicleError,
+)
 
 PEER = Target(1, 1)
 TAKEOFF = mavlink.MAV_CMD_NAV_TAKEOFF

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.driver.estimate_accuracy import accuracy_in
+from wil_campaign.vehicles.driver.estimate_accuracy import accuracy_in
 
 # Of PX4 1.18 in flight (the reference trace), cut to what differs from zero.
 FLOWN = {0: 0.04095, 6: 0.04078, 11: 0.08344, 15: 3.236e-4, 18: 1.918e-4, 20: 6.009e-3}

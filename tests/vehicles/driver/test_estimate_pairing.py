@@ -1,13 +1,10 @@
 """Positions and attitudes paired in the vehicle's time; long texts put together."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from vehicles.driver.estimate_pairing import EstimatePairing
-from vehicles.driver.session.statustext import StatustextPieces
-from vehicles.driver.vehicle_state import LocalEstimate
-from worlds.frames import Pose, quat_from_euler
+from wil_campaign.vehicles.driver.estimate_pairing import EstimatePairing
+from wil_campaign.vehicles.driver.vehicle_state import LocalEstimate
+from wil_campaign.worlds.frames import Pose, quat_from_euler
 
 HERE = (1.0, 2.0, -3.0)
 STILL = (0.0, 0.0, 0.0)
@@ -62,20 +59,3 @@ def test_attitudes_out_of_order_are_skipped_and_a_restart_starts_anew() -> None:
     pairing.attitude(0.5, _yaw(0.7))
     (estimate,) = pairing.position(0.5, HERE, STILL)
     assert estimate.pose.q_wxyz == _yaw(0.7)
-
-
-@given(st.text(alphabet="abc xyz.", min_size=1, max_size=240))
-def test_long_texts_are_joined(text: str) -> None:
-    pieces = StatustextPieces()
-    parts = [text[at : at + 50] for at in range(0, len(text), 50)]
-    if len(parts[-1]) == 50:
-        parts.append("")
-    results = [pieces.add(part, 7, number) for number, part in enumerate(parts)]
-    assert results == [None] * (len(parts) - 1) + [text.strip()]
-
-
-def test_short_texts_pass_and_lost_pieces_do_not_mix() -> None:
-    pieces = StatustextPieces()
-    assert pieces.add("Armed by external command\t", 0, 0) == "Armed by external command"
-    assert pieces.add("a" * 50, 3, 0) is None
-    assert pieces.add("the end of another", 4, 1) == "the end of another"

@@ -6,18 +6,18 @@ from typing import Any, Self
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.model.clock import run_virtual
-from vehicles.autopilots.autopilot import AutopilotName, Mode, Target, command_long
-from vehicles.autopilots.registry import autopilot_named
-from vehicles.driver import Driver
-from vehicles.driver.vehicle_state import EstimateSample
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.errors import NotReadyError
-from vehicles.links.link import Link
-from vehicles.links.memory import memory_pair
-from vehicles.mavlink.codec import Codec
-from vehicles.setpoints import VelocitySetpoint
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Mode, Target, command_long
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.errors import NotReadyError
+from wil_campaign.vehicles.links.link import Link
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 FLIGHTS = 10
 _FORCED = 21196.0

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from orchestrator.model.clock import run_virtual
-from vehicles.autopilots.autopilot import AutopilotName, Mode
-from vehicles.driver import Driver
-from vehicles.driver.vehicle_state import EstimateSample, VehicleEvent
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.links.impaired import ImpairedLink
-from vehicles.links.impairment import Bursts, Impairment, LinkOutage
-from vehicles.links.memory import memory_pair
-from vehicles.setpoints import VelocitySetpoint
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Mode
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.vehicle_state import EstimateSample, VehicleEvent
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.links.impaired import ImpairedLink
+from wil_campaign.vehicles.links.impairment import Bursts, Impairment, LinkOutage
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 BAD = Impairment(latency_s=0.08, jitter_s=0.04, loss=0.05)

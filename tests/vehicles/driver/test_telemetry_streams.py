@@ -5,13 +5,13 @@ from typing import Any, Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.model.clock import run_virtual
-from vehicles.autopilots.autopilot import MessageRate, Target, TelemetryRates
-from vehicles.autopilots.px4 import Px4
-from vehicles.driver.session.session import Session
-from vehicles.driver.telemetry_streams import TelemetryStreams
-from vehicles.links.link import Receiver
-from vehicles.mavlink.codec import Codec
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.autopilots.autopilot import MessageRate, Target, TelemetryRates
+from wil_campaign.vehicles.autopilots.px4 import Px4
+from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.telemetry_streams import TelemetryStreams
+from wil_campaign.vehicles.links.link import Receiver
+from wil_campaign.vehicles.mavlink.codec import Codec
 
 
 class Wire:

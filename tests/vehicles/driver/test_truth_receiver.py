@@ -8,25 +8,25 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.model.clock import run_virtual
 from tests.vehicles.autopilots.test_ground_truth import hil_state, sim_state
-from vehicles.autopilots.ardupilot import ArduCopter
-from vehicles.autopilots.autopilot import Autopilot, AutopilotName, Target
-from vehicles.autopilots.px4 import Px4
-from vehicles.clocks.timesync import VehicleClock
-from vehicles.driver import Driver
-from vehicles.driver.session.session import Session
-from vehicles.driver.truth_receiver import TruthReceiver
-from vehicles.driver.vehicle_state import EstimateSample
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.physics.states import TruthSample
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.errors import AnchorError
-from vehicles.links.memory import memory_pair
-from vehicles.mavlink.codec import Codec
-from vehicles.poses.pose_history import PoseHistory
-from vehicles.setpoints import VelocitySetpoint
-from worlds.frames import Pose, Vec3, angle_between, norm, subtract
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, AutopilotName, Target
+from wil_campaign.vehicles.autopilots.px4 import Px4
+from wil_campaign.vehicles.clocks.timesync import VehicleClock
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.truth_receiver import TruthReceiver
+from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.errors import AnchorError
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
+from wil_campaign.worlds.frames import Pose, Vec3, angle_between, norm, subtract
 
 START = Pose.of(3.0, -2.0, 0.0, yaw_rad=0.0)
 LATE_S = 0.02

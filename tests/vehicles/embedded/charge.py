@@ -1,6 +1,6 @@
 """The charge of an emulated battery, set rather than drained."""
 
-from vehicles.embedded.physics.battery import Battery
+from wil_campaign.vehicles.embedded.physics.battery import Battery
 
 
 def set_remaining(battery: Battery, remaining: float) -> None:

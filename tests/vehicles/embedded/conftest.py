@@ -9,11 +9,11 @@ from typing import Any, Self
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.model.clock import run_virtual
-from vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.links.memory import memory_pair
-from vehicles.mavlink.codec import Codec
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.mavlink.codec import Codec
 
 NAN = math.nan
 PX4_READY_S, COPTER_READY_S = 6.6, 41.6

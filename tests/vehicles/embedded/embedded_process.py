@@ -6,11 +6,12 @@ import sys
 from types import TracebackType
 from typing import Self
 
-from vehicles.embedded.control.law import load_kernels
-from vehicles.embedded.process.embedded_launch import FeedClient
-from vehicles.embedded.process.process_settings import ProcessSettings
-from vehicles.links.link import LinkError
-from vehicles.processes.child import ChildProcess, how_it_ended
+from wil_campaign.vehicles.embedded.control.law import load_kernels
+from wil_campaign.vehicles.embedded.process.embedded_launch import FeedClient
+from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
+from wil_campaign.vehicles.links.link import LinkError
+from wil_campaign.vehicles.processes.child import ChildProcess, how_it_ended
+from wil_campaign.vehicles.processes.feed_socket import feed_environment, feed_pair
 
 _FIRST_WORD_S = 90.0
 
@@ -22,7 +23,8 @@ class EmbeddedProcess:
         self._settings = settings
         self._child: ChildProcess | None = None
         self._stdin, self._hold = os.pipe()
-        self.feed = FeedClient(source=settings.source, port=settings.feed_port)
+        ours, self._theirs = feed_pair()
+        self.feed = FeedClient(source=settings.source, end=ours)
 
     @property
     def pid(self) -> int | None:
@@ -39,14 +41,21 @@ class EmbeddedProcess:
     async def __aenter__(self) -> Self:
         load_kernels()  # as a run does before it launches vehicles
         await self.feed.__aenter__()
-        settings = self._settings.model_copy(
-            update={"feed_port": self.feed.port, "end_with_stdin": True}
-        )
+        settings = self._settings.model_copy(update={"end_with_stdin": True})
+        descriptor = self._theirs.fileno()
         self._child = child = ChildProcess(
-            argv=(sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()),
+            argv=(
+                sys.executable,
+                "-m",
+                "wil_campaign.vehicles.embedded",
+                settings.model_dump_json(),
+            ),
             stdin=self._stdin,
+            environment={**os.environ, **feed_environment(descriptor)},
+            inherited=(descriptor,),
         )
         child.start(lambda _: self.feed.connected.set())
+        self._theirs.close()
         try:
             async with asyncio.timeout(_FIRST_WORD_S):
                 await self.feed.connected.wait()

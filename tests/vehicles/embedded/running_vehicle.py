@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from vehicles.embedded.process.process_settings import ProcessSettings
+from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 
 ROOT = Path(__file__).parents[3]
 
@@ -22,7 +22,7 @@ async def running_vehicle(settings: ProcessSettings) -> AsyncIterator[Process]:
     all others (tests/conftest.py), it came to stand still for most of a second.
     """
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "vehicles.embedded", settings.model_dump_json()),
+        *(sys.executable, "-m", "wil_campaign.vehicles.embedded", settings.model_dump_json()),
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         start_new_session=True,
     )

@@ -10,9 +10,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.embedded.charge import set_remaining
-from vehicles.embedded.physics.plant import PlantError
-from vehicles.embedded.profile import load_profile
-from worlds.frames import Pose, angle_between
+from wil_campaign.vehicles.embedded.physics.plant import PlantError
+from wil_campaign.vehicles.embedded.profile import load_profile
+from wil_campaign.worlds.frames import Pose, angle_between
 
 Scenario = Callable[[Any], Any]
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])

@@ -7,10 +7,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from vehicles.launch.launch_plan import Launch, LaunchError
-from vehicles.launch.prepared_launch import PreparedLaunch
-from vehicles.links.link_strings import LinkAddress
-from vehicles.processes.child import ChildProcess
+from wil_campaign.vehicles.launch.launch_plan import Launch, LaunchError
+from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch
+from wil_campaign.vehicles.links.link_strings import LinkAddress
+from wil_campaign.vehicles.processes.child import ChildProcess
 
 
 class LaunchedVehicle:

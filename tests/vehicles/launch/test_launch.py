@@ -13,13 +13,13 @@ from typing import Any
 import pytest
 
 from tests.vehicles.launch.launched_vehicle import LaunchedVehicle
-from vehicles.launch.ardupilot import ArduPilotLaunch
-from vehicles.launch.instances import is_free, take_instance
-from vehicles.launch.launch_plan import Home, LaunchError, Port
-from vehicles.launch.launch_records import RECORD, LaunchRecord, find_orphans
-from vehicles.launch.prepared_launch import PreparedLaunch
-from vehicles.launch.px4 import Px4Launch
-from vehicles.processes.identity import ProcessId, boot_id
+from wil_campaign.vehicles.launch.ardupilot import ArduPilotLaunch
+from wil_campaign.vehicles.launch.instances import is_free, take_instance
+from wil_campaign.vehicles.launch.launch_plan import Home, LaunchError, Port
+from wil_campaign.vehicles.launch.launch_records import RECORD, LaunchRecord, find_orphans
+from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch
+from wil_campaign.vehicles.launch.px4 import Px4Launch
+from wil_campaign.vehicles.processes.identity import ProcessId, boot_id
 
 HOME = Home(47.4, 8.5, 488.0, 90.0)
 
@@ -209,7 +209,7 @@ open(sys.argv[0] + ".child", "w").write(str(child.pid))
 """
 
 
-async def test_who_ignores_sigterm_or_fled_ends_too(sims: Any) -> None:
+async def test_a_process_that_ignores_sigterm_or_fled_ends_too(sims: Any) -> None:
     binary = sims.program(STUBBORN + sims.ardupilot)
     async with _vehicle(sims, binary, grace_s=0.3):
         pids = [sims.pid_of(binary), int(sims.beside(binary, "child"))]
@@ -221,7 +221,7 @@ async def test_who_ignores_sigterm_or_fled_ends_too(sims: Any) -> None:
 OWNER = """
 import asyncio, os, sys
 from pathlib import Path
-from vehicles.launch.ardupilot import ArduPilotLaunch
+from wil_campaign.vehicles.launch.ardupilot import ArduPilotLaunch
 from tests.vehicles.launch.launched_vehicle import LaunchedVehicle
 
 async def main(binary, folder, locks):

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import pytest
 
 from tests.ports import free_port
-from vehicles.links.link import Link
+from wil_campaign.vehicles.links.link import Link
 
 
 class Inbox:

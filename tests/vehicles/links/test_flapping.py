@@ -10,21 +10,21 @@ from typing import Any, Self
 
 import pytest
 
-from orchestrator.model.clock import run_virtual
 from tests.ports import free_port
-from vehicles.autopilots.autopilot import AutopilotName
-from vehicles.clocks.lockstep import Lockstep
-from vehicles.clocks.paced_loop import PacedLoop
-from vehicles.clocks.sim_clock_controller import STEP_S
-from vehicles.driver import Driver
-from vehicles.driver.vehicle_state import VehicleEvent
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.links.link import Link, LinkError, Receiver
-from vehicles.links.link_factory import open_link
-from vehicles.links.link_strings import parse_link
-from vehicles.links.reconnection import BackOff, Reconnection
-from vehicles.setpoints import VelocitySetpoint
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.clocks.lockstep import Lockstep
+from wil_campaign.vehicles.clocks.paced_loop import PacedLoop
+from wil_campaign.vehicles.clocks.sim_clock_controller import STEP_S
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.links.link import Link, LinkError, Receiver
+from wil_campaign.vehicles.links.link_factory import open_link
+from wil_campaign.vehicles.links.link_strings import parse_link
+from wil_campaign.vehicles.links.reconnection import BackOff, Reconnection
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 SPEED = 8.0
 """At most: the clock waits for the flight, so that a machine that is busy loses no link."""

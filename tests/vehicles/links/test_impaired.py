@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.model.clock import run_virtual
-from vehicles.links.impaired import ImpairedLink
-from vehicles.links.impairment import Bursts, ImpairedDirection, Impairment, LinkOutage
-from vehicles.links.memory import memory_pair
-from vehicles.mavlink.codec import Codec
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.links.impaired import ImpairedLink
+from wil_campaign.vehicles.links.impairment import Bursts, ImpairedDirection, Impairment, LinkOutage
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.mavlink.codec import Codec
 
 PERIOD_S = 0.01
 

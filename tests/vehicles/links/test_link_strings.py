@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.errors import VehicleError
-from vehicles.links.link_strings import LinkAddress, LinkAddressError, parse_link
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.links.link_strings import LinkAddress, LinkAddressError, parse_link
 
 
 @pytest.mark.parametrize(

@@ -9,18 +9,18 @@ from typing import Literal, Self
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.model.clock import run_virtual
 from tests.ports import free_port
-from vehicles.links.link import LinkError, TellsTrouble
-from vehicles.links.link_factory import open_link
-from vehicles.links.link_strings import LinkAddress, parse_link
-from vehicles.links.memory import memory_pair
-from vehicles.links.signed_link import SignedLink
-from vehicles.links.udp import UdpLink
-from vehicles.mavlink.codec import Codec
-from vehicles.mavlink.framing import FrameSplitter
-from vehicles.mavlink.signing import Signer, ticks_of_utc
-from vehicles.mavlink.signing_key import SigningKey
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.links.link import LinkError, TellsTrouble
+from wil_campaign.vehicles.links.link_factory import open_link
+from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.links.signed_link import SignedLink
+from wil_campaign.vehicles.links.udp import UdpLink
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter
+from wil_campaign.vehicles.mavlink.signing import Signer, ticks_of_utc
+from wil_campaign.vehicles.mavlink.signing_key import SigningKey
 
 _KEY = SigningKey(bytes(range(32)))
 
@@ -277,7 +277,7 @@ async def test_a_vehicle_that_changes_its_port_without_a_silence_is_no_rival() -
         assert not there.link.rivals
 
 
-async def test_who_was_received_first_takes_its_place_back_at_once() -> None:
+async def test_the_sender_that_was_received_first_takes_its_place_back_at_once() -> None:
     async with Received() as there:
         there.say(1001, _heartbeat(1))
         there.now_s += 1.6
@@ -313,7 +313,7 @@ async def test_a_late_frame_of_the_other_way_makes_it_no_rival_for_later() -> No
         assert there.answered() == [1002]
 
 
-async def test_whoever_was_received_first_long_ago_does_not_take_a_flying_vehicles_place() -> None:
+async def test_a_sender_received_first_long_ago_does_not_take_a_flying_vehicles_place() -> None:
     async with Received() as there:
         said: list[str] = []
         there.link.on_rival(said.append)

@@ -2,9 +2,9 @@
 
 import asyncio
 
-from vehicles.links.link_strings import LinkAddress
-from vehicles.links.reads import LONGEST_READ_BYTES, shorten_reads
-from vehicles.links.udp import UdpLink
+from wil_campaign.vehicles.links.link_strings import LinkAddress
+from wil_campaign.vehicles.links.reads import LONGEST_READ_BYTES, shorten_reads
+from wil_campaign.vehicles.links.udp import UdpLink
 
 _LONGEST_DATAGRAM = bytes(65_507)
 

@@ -8,22 +8,22 @@ from typing import Any, Self
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.model.clock import run_virtual
-from vehicles.autopilots.autopilot import AutopilotName, Mode, Target, command_long
-from vehicles.driver import Driver
-from vehicles.driver.vehicle_state import VehicleEvent
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.links.impaired import ImpairedLink
-from vehicles.links.impairment import Impairment
-from vehicles.links.link import Link, LinkError, Receiver
-from vehicles.links.link_conditions import LinkConditions, under_conditions
-from vehicles.links.link_strings import LinkAddress
-from vehicles.links.memory import memory_pair
-from vehicles.links.redundant import SILENT_S, STEADY_S, RedundantLink
-from vehicles.links.tcp import TcpInLink
-from vehicles.mavlink.codec import Codec
-from vehicles.setpoints import VelocitySetpoint
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Mode, Target, command_long
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.links.impaired import ImpairedLink
+from wil_campaign.vehicles.links.impairment import Impairment
+from wil_campaign.vehicles.links.link import Link, LinkError, Receiver
+from wil_campaign.vehicles.links.link_conditions import LinkConditions, under_conditions
+from wil_campaign.vehicles.links.link_strings import LinkAddress
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.links.redundant import SILENT_S, STEADY_S, RedundantLink
+from wil_campaign.vehicles.links.tcp import TcpInLink
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 OURS = Codec(system_id=245, component_id=190)
 VEHICLE = Codec(system_id=1, component_id=1)

@@ -12,17 +12,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.model.clock import run_virtual
-from vehicles.driver import Driver
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.errors import IdentifyError
-from vehicles.links.memory import memory_pair
-from vehicles.links.signed_link import SignedLink
-from vehicles.mavlink.codec import Codec
-from vehicles.mavlink.framing import Frame, FrameSplitter, checksum, frame_header
-from vehicles.mavlink.signing import TICKS_PER_S, Signer, SigningCounts, ticks_of_utc
-from vehicles.mavlink.signing_key import (
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.errors import IdentifyError
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.links.signed_link import SignedLink
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter, checksum, frame_header
+from wil_campaign.vehicles.mavlink.signing import TICKS_PER_S, Signer, SigningCounts, ticks_of_utc
+from wil_campaign.vehicles.mavlink.signing_key import (
     SigningKey,
     SigningKeyError,
     key_from_environment,

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.mavlink.codec import Codec
-from vehicles.mavlink.framing import FrameSplitter, frame_header
-from vehicles.mavlink.names import command_name, message_name, result_name
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter, frame_header
+from wil_campaign.vehicles.mavlink.names import command_name, message_name, result_name
 
 
 def _messages(count: int) -> list[Any]:

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 
-from vehicles.perception.depth_colors import color_depth
+from wil_campaign.vehicles.perception.depth_colors import color_depth
 
 
 def test_near_and_far_differ_and_what_was_not_measured_is_far() -> None:

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vehicles.perception.blobs import Blob, BlobFinder
-from vehicles.perception.hsv import NAMED_COLORS, HsvMask, HsvRange
-from vehicles.readings import BgrImage
+from wil_campaign.vehicles.perception.blobs import Blob, BlobFinder
+from wil_campaign.vehicles.perception.hsv import NAMED_COLORS, HsvMask, HsvRange
+from wil_campaign.vehicles.readings import BgrImage
 
 ORANGE_BGR = (0, 120, 255)
 WIDTH, HEIGHT = 320, 240

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.vehicles.tiny_onnx import INPUT_PX, NAMES, noise, tiny_detector, truncated
-from vehicles.perception import network_trial
-from vehicles.perception.detector import (
+from wil_campaign.vehicles.perception import network_trial
+from wil_campaign.vehicles.perception.detector import (
     Candidates,
     DetectorError,
     OnnxDetector,
@@ -18,6 +18,7 @@ from vehicles.perception.detector import (
     decoded,
     letterboxed,
 )
+from wil_campaign.vehicles.perception.onnx_names import class_names
 
 Kind = Literal["v5", "v8", "end2end"]
 
@@ -76,6 +77,7 @@ def test_a_letterbox_keeps_the_shape(width: int, height: int) -> None:
         (noise(), "not an ONNX network"),
         (truncated(), "not an ONNX network|empty"),
         (b"", "not an ONNX|empty"),
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:4d\n", "a pointer of Git LFS"),
     ],
 )
 def test_a_file_that_is_no_detector(tmp_path: Path, content: bytes, said: str) -> None:
@@ -103,6 +105,61 @@ def test_a_network_that_takes_too_much_is_refused(
     monkeypatch.setattr(network_trial, "MAX_NETWORK_BYTES", 10)
     with pytest.raises(DetectorError, match="bytes; at most 10 are read"):
         OnnxDetector(path, names=NAMES, input_px=(64, 64))
+
+
+STATED = "{0: 'red', 1: 'green'}"
+
+
+@pytest.mark.parametrize(
+    ("stated", "given", "names"),
+    [
+        (STATED, (), ("red", "green")),
+        ("['red', 'green']", (), ("red", "green")),
+        (STATED, ("red", "green"), ("red", "green")),
+        (STATED, ("rot", "green"), ("rot", "green")),
+        ("", ("green", "red"), ("green", "red")),
+        ("{0: 'red', 2: 'green'}", ("a", "b"), ("a", "b")),
+        ("__import__('os')", ("a", "b"), ("a", "b")),
+    ],
+)
+def test_the_file_may_state_its_classes(
+    tmp_path: Path, stated: str, given: tuple[str, ...], names: tuple[str, ...]
+) -> None:
+    path = tmp_path / "named.onnx"
+    path.write_bytes(tiny_detector("v8", stated))
+    assert OnnxDetector(path, names=given, input_px=(INPUT_PX, INPUT_PX)).names == names
+
+
+@pytest.mark.parametrize(
+    ("stated", "given", "said"),
+    [
+        (STATED, ("green", "red"), r"has the classes red, green: class 0 is 'red', and 'green' in"),
+        (STATED, ("red",), r"has the classes red, green \(2\), and names has 1; name all of them"),
+        ("", (), "'named.onnx' does not state its classes; give names, in order"),
+        ("", ("person", "bicycle", "car"), r"unknown layout for 3 classes"),
+    ],
+)
+def test_names_that_contradict_the_file_are_refused(
+    tmp_path: Path, stated: str, given: tuple[str, ...], said: str
+) -> None:
+    """They were swapped without a word, and docs/detector.md named three of 80 classes."""
+    path = tmp_path / "named.onnx"
+    path.write_bytes(tiny_detector("v8", stated))
+    with pytest.raises(DetectorError, match=said):
+        OnnxDetector(path, names=given, input_px=(INPUT_PX, INPUT_PX))
+
+
+@pytest.mark.parametrize("content", [noise(), truncated(), b"", b"\x72\x05\x0a\x7f", b"\x72\xff"])
+def test_a_damaged_file_states_no_classes(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "bad.onnx").write_bytes(content)
+    assert class_names(tmp_path / "bad.onnx") == ()
+
+
+def test_an_output_of_too_few_names_says_how_many_classes_there_are() -> None:
+    with pytest.raises(DetectorError, match="for 3 classes; as v8 it has 80 classes: name all"):
+        decoded(np.zeros((1, 84, 8400), np.float32), 3, "auto")
+    with pytest.raises(DetectorError, match="for 3 classes; as v5 it has 80 classes: name all"):
+        decoded(np.zeros((1, 25200, 85), np.float32), 3, "auto")
 
 
 @pytest.mark.parametrize(
@@ -134,10 +191,10 @@ def test_a_class_without_a_name_is_an_error_that_says_so(tmp_path: Path) -> None
     options: Any = {"input_px": (INPUT_PX, INPUT_PX), "layout": "end2end"}
     found = OnnxDetector(path, names=NAMES, **options)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("vehicles.perception.detector.decoded", _of_classes(1, 2))
+        patch.setattr("wil_campaign.vehicles.perception.detector.decoded", _of_classes(1, 2))
         with pytest.raises(DetectorError, match=r"found class 2, but has 2 names \(classes 0 to 1"):
             found.detect(picture())
-        patch.setattr("vehicles.perception.detector.decoded", _of_classes(-1))
+        patch.setattr("wil_campaign.vehicles.perception.detector.decoded", _of_classes(-1))
         with pytest.raises(DetectorError, match="found class -1"):
             found.detect(picture())
 

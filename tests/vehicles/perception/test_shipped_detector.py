@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vehicles.perception.shipped_detector import NAMES, shipped_detector
-from vehicles.readings import BgrImage
-from worlds.camera import Intrinsics
-from worlds.files.documents import load
-from worlds.frames import Pose
-from worlds.render.renderer import Renderer
-from worlds.world_file.world import World
+from wil_campaign.vehicles.perception.shipped_detector import NAMES, shipped_detector
+from wil_campaign.vehicles.readings import BgrImage
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.files.documents import load
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.render.renderer import Renderer
+from wil_campaign.worlds.world_file.world import World
 
 WORLDS = Path(__file__).parents[3] / "worlds"
 CAMERA = Intrinsics.from_fov(640, 480, math.radians(69.0))

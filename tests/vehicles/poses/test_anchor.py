@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.errors import AnchorError
-from vehicles.poses.anchor import Anchor, PoseAverage
-from vehicles.setpoints import PositionSetpoint, VelocitySetpoint
-from worlds.frames import Pose, angle_between, norm, quat_from_euler, rotate, subtract
+from wil_campaign.vehicles.errors import AnchorError
+from wil_campaign.vehicles.poses.anchor import Anchor, PoseAverage
+from wil_campaign.vehicles.setpoints import PositionSetpoint, VelocitySetpoint
+from wil_campaign.worlds.frames import Pose, angle_between, norm, quat_from_euler, rotate, subtract
 
 metres = st.floats(-1000.0, 1000.0)
 angles_rad = st.floats(-math.pi, math.pi)

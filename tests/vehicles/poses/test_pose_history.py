@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.poses.pose_history import PoseHistory
-from worlds.frames import Pose, angle_between, quat_from_euler
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.worlds.frames import Pose, angle_between, quat_from_euler
 
 
 def _moving(t_s: float) -> Pose:

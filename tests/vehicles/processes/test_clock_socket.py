@@ -3,10 +3,14 @@
 import asyncio
 import time
 
-from vehicles.clocks.lockstep import LEAD_S
-from vehicles.clocks.paced_loop import PacedLoop
-from vehicles.clocks.sim_clock_controller import Segment
-from vehicles.processes.clock_socket import ClockSockets, InheritedClock, clock_environment
+from wil_campaign.vehicles.clocks.lockstep import LEAD_S
+from wil_campaign.vehicles.clocks.paced_loop import PacedLoop
+from wil_campaign.vehicles.clocks.sim_clock_controller import Segment
+from wil_campaign.vehicles.processes.clock_socket import (
+    ClockSockets,
+    InheritedClock,
+    clock_environment,
+)
 
 
 async def until(condition: asyncio.Event, limit_s: float = 20.0) -> None:

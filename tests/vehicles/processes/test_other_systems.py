@@ -64,7 +64,7 @@ LINUX_ALONE = {
 MAY_USE_THEM = {
     "vehicles/processes/linux.py": LINUX_ALONE,
     # Ray has wheels for Linux alone, and an agent of it imports nothing of ours.
-    "orchestrator/engines/node_agent.py": {"pidfd_open"},
+    "plugins/cluster/node_agent.py": {"pidfd_open"},
 }
 
 
@@ -72,7 +72,7 @@ def on_a_mac(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     (folder / "sitecustomize.py").write_text(MAC)
     paths = os.pathsep.join([str(folder), str(ROOT)])
     return subprocess.run(  # noqa: S603 - our own interpreter
-        [sys.executable, "-m", "orchestrator.cli", *words],
+        [sys.executable, "-m", "wil_campaign", *words],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": paths, "WIL_DEBUG": "1", "XDG_STATE_HOME": str(folder)},
         capture_output=True,

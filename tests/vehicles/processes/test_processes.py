@@ -2,6 +2,7 @@
 
 import asyncio
 import ctypes
+import math
 import os
 import resource
 import signal
@@ -13,9 +14,9 @@ from types import SimpleNamespace
 import psutil
 import pytest
 
-from vehicles.processes import linux
-from vehicles.processes.child import ChildProcess, how_it_ended, run_briefly
-from vehicles.processes.identity import ProcessId, group_lives
+from wil_campaign.vehicles.processes import linux
+from wil_campaign.vehicles.processes.child import ChildProcess, how_it_ended, run_briefly
+from wil_campaign.vehicles.processes.identity import ProcessId, group_lives
 
 LEAVES_A_CHILD = (
     "import os, sys, time\n"
@@ -27,6 +28,24 @@ LEAVES_A_CHILD = (
 
 def child(code: str, *, grace_s: float = 3.0) -> ChildProcess:
     return ChildProcess(argv=(sys.executable, "-S", "-c", code), grace_s=grace_s)
+
+
+async def test_a_child_that_cannot_be_watched_is_killed_and_nothing_waits_for_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(_: int) -> int:
+        raise OSError("no such descriptor on this system")
+
+    monkeypatch.setattr("wil_campaign.vehicles.processes.child.exit_descriptor", refuse)
+    one = child("import time; time.sleep(600)")
+    with pytest.raises(OSError, match="no such descriptor"):
+        one.start()
+    assert not one.running
+    async with asyncio.timeout(60):
+        await one.wait(30)
+        await one.end()
+    assert one.pid is not None
+    assert not psutil.pid_exists(one.pid)
 
 
 def test_an_identity_outlives_a_change_of_the_system_clock(
@@ -57,7 +76,7 @@ async def test_an_end_is_seen_while_a_grandchild_holds_stderr_open() -> None:
     assert not group_lives(pid)
 
 
-async def test_who_ignores_sigterm_is_killed(tmp_path: Path) -> None:
+async def test_a_process_that_ignores_sigterm_is_killed(tmp_path: Path) -> None:
     ready = tmp_path / "ready"
     process = child(
         "import signal, time\n"
@@ -122,7 +141,8 @@ def test_a_process_rises_as_far_as_it_may(granted: str, monkeypatch: pytest.Monk
 def test_what_a_risen_process_starts_is_scheduled_normally() -> None:
     show = "import os; print(os.sched_getscheduler(0) & 7, os.nice(0))"
     program = (
-        "import os, subprocess, sys; from vehicles.processes.linux import rise_above_load\n"
+        "import os, subprocess, sys\n"
+        "from wil_campaign.vehicles.processes.linux import rise_above_load\n"
         "print(rise_above_load(), os.sched_getscheduler(0) & 7, os.nice(0), flush=True)\n"
         f"subprocess.run([sys.executable, '-c', {show!r}])"
     )
@@ -140,7 +160,7 @@ def test_what_a_risen_process_starts_is_scheduled_normally() -> None:
 
 
 @pytest.mark.parametrize("may", [False, True])
-def test_who_may_lock_only_some_memory_locks_none(
+def test_a_process_that_may_lock_only_some_memory_locks_none(
     may: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With a limit that is less than what it needs later, its allocations would fail."""
@@ -169,3 +189,44 @@ async def test_a_brief_command_ends_when_its_wait_is_cancelled(tmp_path: Path) -
     with pytest.raises(asyncio.CancelledError):
         await task
     assert not group_lives(int(written.read_text()))
+
+
+@pytest.mark.parametrize(
+    ("own", "files", "cpus"),
+    [
+        ("0::/\n", {"cpu.max": "150000 100000\n"}, 1.5),
+        ("0::/\n", {"cpu.max": "max 100000\n"}, math.inf),
+        ("0::/a/b\n", {"a/cpu.max": "200000 100000", "a/b/cpu.max": "max 100000"}, 2.0),
+        ("0::/a/b\n", {"a/cpu.max": "max 100000", "a/b/cpu.max": "50000 100000"}, 0.5),
+        ("0::/../b\n", {"cpu.max": "300000 100000"}, 3.0),
+        (
+            "5:memory:/x\n4:cpu,cpuacct:/docker/x\n0::/x\n",
+            {
+                "cpu,cpuacct/cpu.cfs_quota_us": "400000\n",
+                "cpu,cpuacct/cpu.cfs_period_us": "100000\n",
+            },
+            4.0,
+        ),
+        ("4:cpu:/x\n", {"cpu/x/cpu.cfs_quota_us": "-1", "cpu/x/cpu.cfs_period_us": "1"}, math.inf),
+        ("4:cpu:/x\n", {"cpu/x/cpu.cfs_quota_us": "what", "cpu.max": "1 2"}, math.inf),
+        ("nothing of the kind", {}, math.inf),
+    ],
+)
+def test_the_quota_of_a_container_is_read(
+    tmp_path: Path, own: str, files: dict[str, str], cpus: float
+) -> None:
+    for name, text in files.items():
+        (tmp_path / "mounted" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "mounted" / name).write_text(text)
+    assert linux.cpu_quota(tmp_path / "own", tmp_path / "mounted") == math.inf
+    (tmp_path / "own").write_text(own)
+    assert linux.cpu_quota(tmp_path / "own", tmp_path / "mounted") == cpus
+
+
+@pytest.mark.parametrize(("quota", "cores"), [(math.inf, 64), (3.9, 3), (0.2, 1), (99.0, 64)])
+def test_cores_that_a_quota_does_not_grant_are_not_used(
+    monkeypatch: pytest.MonkeyPatch, quota: float, cores: int
+) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(64)))
+    monkeypatch.setattr(linux, "cpu_quota", lambda: quota)
+    assert linux.usable_cores() == cores

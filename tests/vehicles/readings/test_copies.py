@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tests.vehicles.readings.test_readings import ALL, CAMERA
-from vehicles.readings import Reading, sensor_type_of
-from vehicles.readings.copies import copied, with_python_numbers
+from wil_campaign.vehicles.readings import Reading, sensor_type_of
+from wil_campaign.vehicles.readings.copies import copied, with_python_numbers
 
 
 def with_numpy_numbers(value: Any) -> Any:

@@ -6,9 +6,9 @@ from typing import Any, get_args
 import pytest
 
 from tests.vehicles.readings.thermometer import ThermometerReading
-from vehicles.readings import SENSOR_TYPES, ImuReading, SensorType, checks
-from vehicles.readings.checks import fault_of
-from vehicles.readings.numbers import is_numbers, number_fields
+from wil_campaign.vehicles.readings import SENSOR_TYPES, ImuReading, SensorType, checks
+from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.readings.numbers import is_numbers, number_fields
 
 
 def test_numbers_are_all_but_the_stamps() -> None:

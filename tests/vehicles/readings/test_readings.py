@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.readings import (
+from wil_campaign.vehicles.readings import (
     SENSOR_TYPES,
     CameraReading,
     DepthReading,
@@ -25,9 +25,9 @@ from vehicles.readings import (
     samples_from_pressure,
     sensor_type_of,
 )
-from vehicles.readings.checks import fault_after, fault_of
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
+from wil_campaign.vehicles.readings.checks import fault_after, fault_of
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 INTRINSICS = Intrinsics.from_fov(8, 6, 1.2)
 CAMERA = CameraReading(

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from vehicles.readings import Source
+from wil_campaign.vehicles.readings import Source
 
 
 @dataclass(frozen=True, slots=True)

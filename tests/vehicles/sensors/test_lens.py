@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.cameras.rendered_cameras import RenderedImage
-from vehicles.sensors.lens import LensImage, ThroughLens, lens_fault, lens_map
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
+from wil_campaign.vehicles.cameras.rendered_cameras import RenderedImage
+from wil_campaign.vehicles.sensors.lens import LensImage, ThroughLens, lens_fault, lens_map
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 PLAIN = Intrinsics.from_fov(320, 240, 1.2)
 BARREL = replace(PLAIN, distortion=(-0.28, 0.07, 0.0008, -0.0005, 0.0))

@@ -9,24 +9,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from orchestrator.model.clock import run_virtual
-from vehicles.cameras.rendered_cameras import RenderedImage
-from vehicles.embedded.physics.states import TruthSample
-from vehicles.readings import DepthReading, ImuReading, PoseReading, Reading
-from vehicles.sensors.depth import DepthSensor
-from vehicles.sensors.imu import ImuSensor
-from vehicles.sensors.lens import LensImage
-from vehicles.sensors.sensor_streams import (
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.cameras.rendered_cameras import RenderedImage
+from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.readings import DepthReading, ImuReading, PoseReading, Reading
+from wil_campaign.vehicles.sensors.depth import DepthSensor
+from wil_campaign.vehicles.sensors.imu import ImuSensor
+from wil_campaign.vehicles.sensors.lens import LensImage
+from wil_campaign.vehicles.sensors.sensor_streams import (
     TRUTH_DELAY_S,
     OnDemandSensor,
     PoseStream,
     RenderedDepth,
     SensorStream,
 )
-from vehicles.sensors.timing import Timing
-from vehicles.sensors.truth_history import TruthHistory, truth_of
-from worlds.camera import CameraMount, Intrinsics
-from worlds.frames import Pose
+from wil_campaign.vehicles.sensors.timing import Timing
+from wil_campaign.vehicles.sensors.truth_history import TruthHistory, truth_of
+from wil_campaign.worlds.camera import CameraMount, Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 CAMERA = Intrinsics.from_fov(32, 24, 1.2)
 

@@ -11,14 +11,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.readings import CameraReading, Reading
-from vehicles.readings.checks import fault_of
-from vehicles.sensors.beams import Directions, RangeNoise, RayHits, disturb, grid_directions
-from vehicles.sensors.depth import DepthNoise, DepthSensor
-from vehicles.sensors.gauss_markov import GaussMarkovWalk
-from vehicles.sensors.gps import GPS_NOISES, GpsNoise, GpsSensor
-from vehicles.sensors.imu import IMU_NOISES, ImuNoise, ImuSensor
-from vehicles.sensors.lidar import (
+from wil_campaign.vehicles.readings import CameraReading, Reading
+from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.sensors.beams import (
+    Directions,
+    RangeNoise,
+    RayHits,
+    disturb,
+    grid_directions,
+)
+from wil_campaign.vehicles.sensors.depth import DepthNoise, DepthSensor
+from wil_campaign.vehicles.sensors.gauss_markov import GaussMarkovWalk
+from wil_campaign.vehicles.sensors.gps import GPS_NOISES, GpsNoise, GpsSensor
+from wil_campaign.vehicles.sensors.imu import IMU_NOISES, ImuNoise, ImuSensor
+from wil_campaign.vehicles.sensors.lidar import (
     RANGEFINDER_NOISE,
     RANGEFINDER_NOISES,
     SCAN_NOISE,
@@ -28,7 +34,7 @@ from vehicles.sensors.lidar import (
     LidarScanSensor,
     RangefinderSensor,
 )
-from vehicles.sensors.microphone import (
+from wil_campaign.vehicles.sensors.microphone import (
     MICROPHONE_NOISES,
     QUIET,
     MicrophoneNoise,
@@ -36,12 +42,12 @@ from vehicles.sensors.microphone import (
     RotorSound,
     pressure_of,
 )
-from vehicles.sensors.noise_sets import NoiseSetName
-from vehicles.sensors.timing import Timing
-from vehicles.sensors.truth import Truth, motor_speeds
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
-from worlds.geodesy import LocalFrame
+from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
+from wil_campaign.vehicles.sensors.timing import Timing
+from wil_campaign.vehicles.sensors.truth import Truth, motor_speeds
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.geodesy import LocalFrame
 
 HOME = LocalFrame(47.397742, 8.545594, 488.0)
 HOVER = Truth(Pose.of(1.0, 2.0, 3.0, yaw_rad=0.5), motor_speeds_rad_s=(469.0,) * 4)

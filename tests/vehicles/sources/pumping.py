@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from vehicles.readings import CameraReading
-from vehicles.sources.camera_source import CameraSource
+from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.vehicles.sources.camera_source import CameraSource
 
 
 async def pump(source: CameraSource, deliver: Callable[[CameraReading], None]) -> None:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.sources.arrival_clock import ArrivalClock
+from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock
 
 
 @given(

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.sources.mocap.motion_capture import pose_from_enu
-from worlds.frames import Pose, Quat, Vec3, angle_between, quat_from_euler, rotate
+from wil_campaign.vehicles.sources.mocap.motion_capture import pose_from_enu
+from wil_campaign.worlds.frames import Pose, Quat, Vec3, angle_between, quat_from_euler, rotate
 
 angles = st.floats(-3.1, 3.1)
 poses = st.builds(

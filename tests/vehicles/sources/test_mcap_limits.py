@@ -10,14 +10,14 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Chunk
 
-from orchestrator.cli import main
-from orchestrator.recording.errors import RecordingError
-from orchestrator.recording.mcap.mcap_chunks import MAGIC, RecordStream
-from orchestrator.recording.mcap_reader import Recording
-from vehicles.sources.camera_source import SourceError
-from vehicles.sources.cameras.mcap_images import McapFile
-from vehicles.sources.mcap_limits import ChunkLimitError, chunk_records
-from worlds.files.limits import MAX_CHUNK_BYTES
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.orchestrator.recording.mcap.mcap_chunks import MAGIC, RecordStream
+from wil_campaign.orchestrator.recording.mcap_reader import Recording
+from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.vehicles.sources.cameras.mcap_images import McapFile
+from wil_campaign.vehicles.sources.mcap_limits import ChunkLimitError, chunk_records
+from wil_campaign.worlds.files.limits import MAX_CHUNK_BYTES
 
 CLAIMED_BYTES = 30_000_000
 
@@ -25,8 +25,8 @@ CLAIMED_BYTES = 30_000_000
 @pytest.fixture(autouse=True)
 def limits(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have less to decompress than the limits that users have."""
-    monkeypatch.setattr("vehicles.sources.mcap_limits.MAX_CHUNK_BYTES", 20_000_000)
-    monkeypatch.setattr("vehicles.sources.mcap_limits.MAX_CHUNK_RECORDS", 500)
+    monkeypatch.setattr("wil_campaign.vehicles.sources.mcap_limits.MAX_CHUNK_BYTES", 20_000_000)
+    monkeypatch.setattr("wil_campaign.vehicles.sources.mcap_limits.MAX_CHUNK_RECORDS", 500)
 
 
 def chunk(data: bytes, size: int, compression: str) -> Chunk:
@@ -93,7 +93,7 @@ def test_replay_refuses_it_in_words(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 def test_a_message_that_is_all_brackets_is_not_read(tmp_path: Path) -> None:
-    from orchestrator.recording import mcap_reader
+    from wil_campaign.orchestrator.recording import mcap_reader
 
     for data in (b"[" * 6_000_000, b"[" * 100_000):
         with pytest.raises(ValueError, match=r"values|nested"):

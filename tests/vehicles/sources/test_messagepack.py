@@ -7,7 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.sources.messagepack import MAX_HEADER_BYTES, BadMessageError, Header, pack
+from wil_campaign.vehicles.sources.messagepack import (
+    MAX_HEADER_BYTES,
+    BadMessageError,
+    Header,
+    pack,
+)
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.text(),

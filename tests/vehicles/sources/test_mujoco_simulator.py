@@ -13,10 +13,10 @@ import pytest
 os.environ.setdefault("MUJOCO_GL", "egl")
 pytest.importorskip("mujoco", reason="MuJoCo is no dependency: pip install mujoco, with EGL")
 
-from vehicles.sources.messagepack import Header
-from vehicles.sources.mujoco_simulator import MujocoSimulator
-from vehicles.sources.simulator.shown_world import asked_world, disagreements
-from vehicles.sources.simulator.simulator_protocol import (
+from wil_campaign.vehicles.sources.messagepack import Header
+from wil_campaign.vehicles.sources.mujoco_simulator import MujocoSimulator
+from wil_campaign.vehicles.sources.simulator.shown_world import asked_world, disagreements
+from wil_campaign.vehicles.sources.simulator.simulator_protocol import (
     Ask,
     RefusedError,
     ask_parts,
@@ -24,11 +24,11 @@ from vehicles.sources.simulator.simulator_protocol import (
     image_of,
     welcome_of,
 )
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
-from worlds.render.renderer import Renderer
-from worlds.scene.scene import Scene, SceneObject
-from worlds.scene.shapes import box, gate
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.render.renderer import Renderer
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.shapes import box, gate
 
 BLOCK_AND_GATE = Scene(
     (

@@ -15,12 +15,16 @@ import pytest
 
 from tests.vehicles.sources.conftest import RATE_HZ, Sender, known_picture, number_of
 from tests.vehicles.sources.pumping import pump
-from vehicles.readings import CameraReading
-from vehicles.sources.camera_source import ImageChangedError, SourceError, SourceStalledError
-from vehicles.sources.cameras import av_grabber
-from vehicles.sources.cameras.camera_factory import live_camera
-from vehicles.sources.cameras.live_camera import LiveCamera
-from worlds.camera import Intrinsics
+from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.vehicles.sources.camera_source import (
+    ImageChangedError,
+    SourceError,
+    SourceStalledError,
+)
+from wil_campaign.vehicles.sources.cameras import av_grabber
+from wil_campaign.vehicles.sources.cameras.camera_factory import live_camera
+from wil_campaign.vehicles.sources.cameras.live_camera import LiveCamera
+from wil_campaign.worlds.camera import Intrinsics
 
 CAMERA = Intrinsics.from_fov(160, 120, 1.2)
 Sending = Callable[..., Sender]

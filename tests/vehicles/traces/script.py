@@ -7,8 +7,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.links.link import Link
-from vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.links.link import Link
+from wil_campaign.vehicles.mavlink.codec import Codec
 
 NAN = math.nan
 NORTH_2_M_S, STILL = (2.0, 0.0, 0.0), (0.0, 0.0, 0.0)

@@ -14,11 +14,11 @@ from typing import Any
 
 import pytest
 
-from orchestrator.model.clock import run_virtual
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.profile import load_profile
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.links.memory import memory_pair
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.profile import load_profile
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.links.memory import memory_pair
 
 HERE = Path(__file__).parent
 

@@ -8,19 +8,19 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from worlds.clearance.clearance import (
+from wil_campaign.worlds.clearance.clearance import (
     BoxShape,
     Clearance,
     ClearanceProbe,
     SphereShape,
 )
-from worlds.clearance.distance import BodySolid, Gap, PartSolid
-from worlds.frames import Pose, Vec3, angle_between, matrix_from_quat, quat_normalize
-from worlds.scene import shapes
-from worlds.scene.motion import Motion, StartAt, Waypoint
-from worlds.scene.parts import Part, SurfaceShape
-from worlds.scene.scene import Scene, SceneObject
-from worlds.scene.shapes import Shape
+from wil_campaign.worlds.clearance.distance import BodySolid, Gap, PartSolid
+from wil_campaign.worlds.frames import Pose, Vec3, angle_between, matrix_from_quat, quat_normalize
+from wil_campaign.worlds.scene import shapes
+from wil_campaign.worlds.scene.motion import Motion, StartAt, Waypoint
+from wil_campaign.worlds.scene.parts import Part, SurfaceShape
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.shapes import Shape
 
 BODY = BoxShape((0.15, 0.15, 0.05))
 EXACT_M = 1e-3

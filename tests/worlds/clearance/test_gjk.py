@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from worlds.clearance.gjk import PRECISION_M, convex_distance, posed_distance
-from worlds.frames import Quat, Vec3, quat_normalize
+from wil_campaign.worlds.clearance.gjk import PRECISION_M, convex_distance, posed_distance
+from wil_campaign.worlds.frames import Quat, Vec3, quat_normalize
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
 SIDES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
@@ -39,7 +39,7 @@ def triangle_distance(body: np.ndarray, other: np.ndarray) -> float:
 
 
 def turned(corners: np.ndarray, position: Vec3, q: Quat) -> np.ndarray:
-    from worlds.frames import matrix_from_quat
+    from wil_campaign.worlds.frames import matrix_from_quat
 
     return np.asarray(corners @ matrix_from_quat(q).T + np.array(position))
 

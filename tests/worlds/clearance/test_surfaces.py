@@ -9,13 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from worlds.clearance.clearance import BoxShape, ClearanceProbe, SphereShape
-from worlds.clearance.gjk import convex_distance, placed
-from worlds.clearance.surfaces import LEAF, surface_distance, swept_beyond, triangle_tree
-from worlds.frames import Pose
-from worlds.scene.parts import Part, SurfaceShape
-from worlds.scene.scene import Scene, SceneObject
-from worlds.scene.shapes import Shape, box
+from wil_campaign.worlds.clearance.clearance import BoxShape, ClearanceProbe, SphereShape
+from wil_campaign.worlds.clearance.gjk import convex_distance, placed
+from wil_campaign.worlds.clearance.surfaces import (
+    LEAF,
+    surface_distance,
+    swept_beyond,
+    triangle_tree,
+)
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.parts import Part, SurfaceShape
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.shapes import Shape, box
 
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)
 BODY = CUBE * (0.15, 0.1, 0.05)
@@ -135,7 +140,7 @@ def test_far_along_a_sheet_takes_few_questions(
         asked.append(1)
         return float(surface_distance(*arguments))
 
-    monkeypatch.setattr("worlds.clearance.distance.surface_distance", counted)
+    monkeypatch.setattr("wil_campaign.worlds.clearance.distance.surface_distance", counted)
     probe = ClearanceProbe(sheet_scene(), body, within_m=5.0)
     (found,) = probe.sweep(Pose.of(-9, 0.3, 0), 0.0, Pose.of(9, 0.6, 0), 9.0)
     assert found.clearance_m == pytest.approx(1.9, abs=1e-3)

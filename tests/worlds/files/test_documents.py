@@ -12,8 +12,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import Field, model_validator
 
-from worlds.files import yaml_nodes
-from worlds.files.documents import (
+from wil_campaign.worlds.files import yaml_nodes
+from wil_campaign.worlds.files.documents import (
     MAX_BYTES,
     BadInput,
     Document,
@@ -24,7 +24,7 @@ from worlds.files.documents import (
     parse,
     parse_value,
 )
-from worlds.files.yaml_nodes import MAX_DEPTH, Node, Source
+from wil_campaign.worlds.files.yaml_nodes import MAX_DEPTH, Node, Source
 
 
 def doc(text: str) -> Document:

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from worlds.files.references import BadReferenceError, forget_loaded, load_reference
+from wil_campaign.worlds.files.references import BadReferenceError, load_reference
+from wil_campaign.worlds.files.user_modules import forget_user_modules
 
 
 def test_a_file_runs_once_until_it_is_forgotten(tmp_path: Path) -> None:
@@ -20,7 +21,7 @@ def test_a_file_runs_once_until_it_is_forgotten(tmp_path: Path) -> None:
         return found()
 
     assert [count(), count()] == [1, 2]
-    forget_loaded()
+    forget_user_modules()
     assert count() == 1
 
 

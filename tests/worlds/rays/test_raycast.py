@@ -1,13 +1,15 @@
 """Rays in a room whose distances are known."""
 
+import sys
+
 import numpy as np
 import pytest
 
-from worlds.frames import Pose, Vec3
-from worlds.rays.raycast import RayCaster
-from worlds.scene import shapes
-from worlds.scene.motion import Motion, Waypoint
-from worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.frames import Pose, Vec3
+from wil_campaign.worlds.rays.raycast import NoRaysError, RayCaster
+from wil_campaign.worlds.scene import shapes
+from wil_campaign.worlds.scene.motion import Motion, Waypoint
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
 
 ROOM = SceneObject(3, "room", shapes.room(6, 4, 2.5), Pose.of(0, 0, 0))
 AT: Vec3 = (1.0, 0.5, -1.0)
@@ -48,3 +50,10 @@ def test_embree_has_built_its_tree_when_the_caster_is_there() -> None:
     caster = RayCaster(Scene((ROOM,)))
     assert caster._resting is not None
     assert caster._resting._scene.is_committed
+
+
+def test_without_embree_the_error_says_what_to_leave_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on Linux on ARM, where there is no package of it."""
+    monkeypatch.setitem(sys.modules, "embreex.mesh_construction", None)
+    with pytest.raises(NoRaysError, match=r"not installed here .* leave them out"):
+        RayCaster(Scene((ROOM,)))

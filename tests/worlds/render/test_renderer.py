@@ -6,15 +6,15 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from worlds.camera import Intrinsics
-from worlds.frames import Pose, matrix_from_quat
-from worlds.rays.raycast import RayCaster
-from worlds.render.rasterizer import NEAR_M
-from worlds.render.renderer import Renderer, RenderOutput
-from worlds.scene import meshes, shapes
-from worlds.scene.motion import Motion, StartOn, Waypoint
-from worlds.scene.scene import Scene, SceneObject
-from worlds.scene.shapes import Shape
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose, matrix_from_quat
+from wil_campaign.worlds.rays.raycast import RayCaster
+from wil_campaign.worlds.render.placing import NEAR_M
+from wil_campaign.worlds.render.renderer import Renderer, RenderOutput
+from wil_campaign.worlds.scene import meshes, shapes
+from wil_campaign.worlds.scene.motion import Motion, StartOn, Waypoint
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.shapes import Shape
 
 VGA = Intrinsics.from_fov(320, 240, math.radians(69))
 SKEWED = Intrinsics(200, 150, 140.0, 180.0, 61.5, 90.25)

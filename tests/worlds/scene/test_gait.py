@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from worlds.clearance.clearance import BoxShape, ClearanceProbe
-from worlds.frames import Pose, Vec3, angle_between, norm, subtract
-from worlds.rays.raycast import RayCaster
-from worlds.scene import shapes
-from worlds.scene.gait import ANKLE_M, CHORD_S, HIP_M, JOINTS, Joint, limb_pose, step_m
-from worlds.scene.motion import Motion, Stride, Waypoint
-from worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.clearance.clearance import BoxShape, ClearanceProbe
+from wil_campaign.worlds.frames import Pose, Vec3, angle_between, norm, subtract
+from wil_campaign.worlds.rays.raycast import RayCaster
+from wil_campaign.worlds.scene import shapes
+from wil_campaign.worlds.scene.gait import ANKLE_M, CHORD_S, HIP_M, JOINTS, Joint, limb_pose, step_m
+from wil_campaign.worlds.scene.motion import Motion, Stride, Waypoint
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
 
 PERSON = shapes.person()
 BEGIN = Pose.of(0.0, 0.0, 0.0, yaw_rad=math.pi / 2)

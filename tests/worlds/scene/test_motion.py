@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from worlds.frames import Pose, Vec3, angle_between, euler_from_quat, norm, subtract
-from worlds.scene.motion import TURN_RATE_RAD_S, Motion, StartAt, StartOn, Waypoint
+from wil_campaign.worlds.frames import Pose, Vec3, angle_between, euler_from_quat, norm, subtract
+from wil_campaign.worlds.scene.motion import TURN_RATE_RAD_S, Motion, StartAt, StartOn, Waypoint
 
 BEGIN = Pose.of(0, 0, 1)
 TILTED = Pose.of(0, 0, 1, yaw_rad=0.4, pitch_rad=math.pi / 6, roll_rad=-0.2)

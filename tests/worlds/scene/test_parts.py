@@ -7,8 +7,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from worlds.frames import Pose, Vec3
-from worlds.scene.parts import BoxShape, Opening
+from wil_campaign.worlds.frames import Pose, Vec3
+from wil_campaign.worlds.scene.parts import BoxShape, Opening
 
 SQUARE = Opening("opening", "square", 0.5)
 RING = Opening("opening", "ring", 0.5)

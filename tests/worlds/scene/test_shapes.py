@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from worlds.frames import Pose
-from worlds.scene import meshes, shapes
-from worlds.scene.meshes import Material, Mesh
-from worlds.scene.parts import BoxShape, HullShape
-from worlds.scene.shapes import Shape
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene import meshes, shapes
+from wil_campaign.worlds.scene.meshes import Material, Mesh
+from wil_campaign.worlds.scene.parts import BoxShape, HullShape
+from wil_campaign.worlds.scene.shapes import Shape
 
 GREY = Material((128, 128, 128))
 ALL = {

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from worlds.frames import Pose, angle_between
-from worlds.scene.motion import AT_REST, Motion, Waypoint
-from worlds.scene.scene import SceneObject
-from worlds.scene.shapes import quadrotor
-from worlds.scene.track import AHEAD_S, RunHistory, Track
+from wil_campaign.worlds.frames import Pose, angle_between
+from wil_campaign.worlds.scene.motion import AT_REST, Motion, Waypoint
+from wil_campaign.worlds.scene.scene import SceneObject
+from wil_campaign.worlds.scene.shapes import quadrotor
+from wil_campaign.worlds.scene.track import AHEAD_S, RunHistory, Track
 
 STILL = (0.0, 0.0, 0.0)
 

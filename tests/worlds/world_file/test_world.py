@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from worlds.files.documents import BadInput, Problem, load, parse
-from worlds.scene.colors import NAMED, parse_color
-from worlds.scene.motion import StartOn
-from worlds.world_file.world import World
+from wil_campaign.worlds.files.documents import BadInput, Problem, load, parse
+from wil_campaign.worlds.scene.colors import NAMED, parse_color
+from wil_campaign.worlds.scene.motion import StartOn
+from wil_campaign.worlds.world_file.world import World
 
 ROOT = Path(__file__).parents[3]
 HEAD = """\
@@ -230,6 +230,21 @@ def test_a_mesh_that_cannot_be_read_is_a_fault(tmp_path: Path, suffix: str, cont
     (problem,) = faults(f"  m: {{shape: {{mesh: {{file: bad.{suffix}}}}}}}\n", tmp_path)
     assert f"bad.{suffix}" in problem.message
     assert len(problem.message) < 300
+
+
+def test_what_is_transparent_is_named_with_its_line_until_the_world_takes_it_for_opaque(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "t.mtl").write_text("newmtl glass\nKd 0 0 1\nd 0.4\n")
+    (tmp_path / "t.obj").write_text(
+        "mtllib t.mtl\nv 0 0 0\nv 1 0 0\nv 0 0 1\nusemtl glass\nf 1 2 3\n"
+    )
+    said = "  m: {{shape: {{mesh: {{file: t.obj{more}}}}}, pose: {{up_m: 1}}}}\n"
+    (problem,) = faults(said.format(more=""), tmp_path)
+    assert problem.source_line[problem.column - 1 :].startswith("t.obj")
+    assert "mesh file 't.obj': material 'glass' is transparent (alpha 0.4)" in problem.message
+    taken = world(said.format(more=", transparent: opaque"), tmp_path).scene("real", "W")["m"]
+    assert taken.shape.mesh.materials[0].rgb == (0, 0, 255)
 
 
 @pytest.mark.parametrize("suffix", ["stl", "glb", "dae"])

@@ -6,10 +6,10 @@ from dataclasses import astuple, fields, replace
 from pathlib import Path
 from typing import Any
 
-from vehicles.driver.onboard.crash_safe_file import CrashSafeFile, crash_safe_files
-from vehicles.driver.onboard.fence_protocol import FenceProtocol
-from vehicles.driver.onboard.mission_protocol import MissionError, MissionItem
-from vehicles.driver.onboard.parameter_backup import PARAMETERS_SUFFIX
+from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile, crash_safe_files
+from wil_campaign.vehicles.driver.onboard.fence_protocol import FenceProtocol
+from wil_campaign.vehicles.driver.onboard.mission_protocol import MissionError, MissionItem
+from wil_campaign.vehicles.driver.onboard.parameter_backup import PARAMETERS_SUFFIX
 
 FENCE_SUFFIX = ".fence.json"
 _SCHEMA = 1

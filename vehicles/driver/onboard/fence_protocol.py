@@ -11,15 +11,15 @@ from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.autopilot import AutopilotName
-from vehicles.driver.onboard.mission_protocol import (
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.driver.onboard.mission_protocol import (
     ItemList,
     MissionError,
     MissionItem,
     MissionProtocol,
 )
-from vehicles.driver.onboard.parameter_backup import ParameterValue
-from vehicles.mavlink.fence_areas import (
+from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterValue
+from wil_campaign.vehicles.mavlink.fence_areas import (
     CIRCLES,
     DEGREES,
     POLYGONS,

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.autopilot import command_long
-from vehicles.driver.session.session import Session
+from wil_campaign.vehicles.autopilots.autopilot import command_long
+from wil_campaign.vehicles.driver.session.session import Session
 
 _REQUEST_AGAIN_S = 0.5
 _UNKNOWN_HDOP = 0xFFFF

@@ -11,9 +11,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.driver.session.session import Session
-from vehicles.errors import VehicleError
-from vehicles.mavlink.names import enum_name
+from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.mavlink.names import enum_name
 
 _ACCEPTED = mavlink.MAV_MISSION_ACCEPTED
 STATUSTEXT_WAIT_S = 0.3
@@ -29,6 +29,10 @@ class MissionError(VehicleError):
 
 class UnsureError(MissionError):
     """All items of a list were sent, and whether it was accepted is unknown."""
+
+
+class UnsupportedListError(MissionError):
+    """The autopilot has no such list."""
 
 
 class ItemList(IntEnum):
@@ -218,7 +222,10 @@ class MissionProtocol:
         if ack.mission_type == which and ack.type != _ACCEPTED:
             await asyncio.sleep(STATUSTEXT_WAIT_S)
             name = enum_name("MAV_MISSION_RESULT", ack.type)
-            raise self._error(which, f"it was refused with {name}")
+            error = self._error(which, f"it was refused with {name}")
+            if ack.type == mavlink.MAV_MISSION_UNSUPPORTED:
+                raise UnsupportedListError(str(error))
+            raise error
 
     def _error(self, which: ItemList, what: str) -> MissionError:
         where = f"{self._session.link.name}: {which.name.lower()}"

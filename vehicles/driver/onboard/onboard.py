@@ -2,14 +2,14 @@
 
 from collections.abc import Callable
 
-from vehicles.autopilots.autopilot import Autopilot, AutopilotName
-from vehicles.driver.onboard.fence_protocol import FenceProtocol
-from vehicles.driver.onboard.gps_receiver import GpsReceiver
-from vehicles.driver.onboard.mission_protocol import MissionProtocol
-from vehicles.driver.onboard.parameters import Parameters
-from vehicles.driver.onboard.vehicle_logs import VehicleLogs
-from vehicles.driver.session.identity import Identity
-from vehicles.driver.session.session import Session
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, AutopilotName
+from wil_campaign.vehicles.driver.onboard.fence_protocol import FenceProtocol
+from wil_campaign.vehicles.driver.onboard.gps_receiver import GpsReceiver
+from wil_campaign.vehicles.driver.onboard.mission_protocol import MissionProtocol
+from wil_campaign.vehicles.driver.onboard.parameters import Parameters
+from wil_campaign.vehicles.driver.onboard.vehicle_logs import VehicleLogs
+from wil_campaign.vehicles.driver.session.identity import Identity
+from wil_campaign.vehicles.driver.session.session import Session
 
 _LOG_SUFFIX: dict[AutopilotName, str] = {"px4": ".ulg", "ardupilot": ".bin"}
 

@@ -12,21 +12,21 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from vehicles.autopilots.autopilot import AutopilotName
-from vehicles.driver.onboard.crash_safe_file import CrashSafeFile
-from vehicles.driver.onboard.disk_access import access_disk, remove_backup
-from vehicles.driver.onboard.fence_backup import back_up_fence, unwritten
-from vehicles.driver.onboard.fence_protocol import (
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile
+from wil_campaign.vehicles.driver.onboard.disk_access import access_disk, remove_backup
+from wil_campaign.vehicles.driver.onboard.fence_backup import back_up_fence, unwritten
+from wil_campaign.vehicles.driver.onboard.fence_protocol import (
     AutopilotFence,
     FenceProtocol,
     fence_items,
     fence_parameters,
 )
-from vehicles.driver.onboard.mission_protocol import MissionError, MissionItem
-from vehicles.driver.onboard.parameter_backup import ParameterBackup, ParameterValue
-from vehicles.driver.onboard.parameters import Parameters
-from vehicles.errors import VehicleError
-from vehicles.tasks import finish
+from wil_campaign.vehicles.driver.onboard.mission_protocol import MissionError, MissionItem
+from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterBackup, ParameterValue
+from wil_campaign.vehicles.driver.onboard.parameters import Parameters
+from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.vehicles.tasks import finish
 
 
 class OnboardFence:

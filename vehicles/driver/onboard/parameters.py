@@ -9,15 +9,15 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.driver.onboard.parameter_backup import (
+from wil_campaign.vehicles.driver.onboard.parameter_backup import (
     ParameterBackup,
     ParameterValue,
     Restored,
     restore_backups,
 )
-from vehicles.driver.session.session import Session
-from vehicles.errors import ParameterError
-from vehicles.mavlink.names import enum_name
+from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.errors import ParameterError
+from wil_campaign.vehicles.mavlink.names import enum_name
 
 _RECHECKS = 2
 """How often a reply with another value is checked again before it counts."""

@@ -14,8 +14,8 @@ from typing import Any, BinaryIO
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.driver.session.session import Session
-from vehicles.errors import VehicleError
+from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.errors import VehicleError
 
 _PIECE = 90
 """Bytes in a LOG_DATA; a shorter one is the log's last."""
@@ -86,13 +86,15 @@ class VehicleLogs:
         """Fetch a vehicle log into `folder` as `<name>-<number><suffix>`; return the file.
 
         The file is complete or absent. progress: called with the number of bytes received. Raises
-        LogError.
+        LogError, also for a log without a byte.
         """
         path = folder / f"{name}-{entry.number}{self._suffix}"
         half = path.with_suffix(f"{self._suffix}.part")
         async with self._turn:
             try:
                 await self._fetch_to(entry, half, progress)
+                if half.stat().st_size == 0:
+                    raise LogError(f"log {entry.number} is empty")
                 half.replace(path)
             except OSError as error:
                 raise LogError(f"log {entry.number} to {path}: {error.strerror}") from error

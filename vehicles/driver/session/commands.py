@@ -7,9 +7,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.driver.session.session import Session
-from vehicles.errors import CommandError, CommandTimeoutError, VehicleError
-from vehicles.mavlink.names import command_name, result_name
+from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.errors import CommandError, CommandTimeoutError, VehicleError
+from wil_campaign.vehicles.mavlink.names import command_name, result_name
 
 _PROGRESS_TIMEOUT_S = 10.0
 """How long after IN_PROGRESS the next acknowledgement of a command may take."""

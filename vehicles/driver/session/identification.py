@@ -5,9 +5,9 @@ from typing import Any, Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.autopilot import Autopilot, Target
-from vehicles.driver.session.conditions import ConditionWaiter
-from vehicles.driver.session.identity import (
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
+from wil_campaign.vehicles.driver.session.conditions import ConditionWaiter
+from wil_campaign.vehicles.driver.session.identity import (
     Identity,
     Wanted,
     describe_mismatches,
@@ -16,9 +16,9 @@ from vehicles.driver.session.identity import (
     names_board,
     unsupported_version,
 )
-from vehicles.driver.session.session import Handler, Session
-from vehicles.errors import IdentifyError
-from vehicles.links.link import TellsTrouble
+from wil_campaign.vehicles.driver.session.session import Handler, Sender, Session
+from wil_campaign.vehicles.errors import IdentifyError
+from wil_campaign.vehicles.links.link import TellsTrouble
 
 _REQUEST_AGAIN_S = 0.5
 _SIMULATION_S = 2.0
@@ -29,7 +29,7 @@ _LATE_S = 0.5
 
 async def find_vehicle(
     session: Session, changes: ConditionWaiter, *, wanted: Wanted, timeout_s: float
-) -> tuple[Target, Autopilot]:
+) -> tuple[Sender, Autopilot]:
     """Find the first vehicle on the link that we can fly; return it with its strategy.
 
     Raises IdentifyError when none was received in time, with what was received instead.
@@ -56,7 +56,7 @@ async def request_identity(
     changes: ConditionWaiter,
     *,
     autopilot: Autopilot,
-    target: Target,
+    vehicle: Sender,
     timeout_s: float,
 ) -> Identity:
     """Request the vehicle's AUTOPILOT_VERSION and return its identity.
@@ -66,7 +66,8 @@ async def request_identity(
     """
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
-    session.target = target
+    target = vehicle.target
+    session.select(vehicle)
     with _Answers(session, changes, autopilot) as answers:
         while not answers.complete and (left_s := deadline_s - loop.time()) > 0:
             for message_id in answers.missing:
@@ -77,17 +78,17 @@ async def request_identity(
             if answers.version is not None:
                 deadline_s = min(deadline_s, answers.version_s + _SIMULATION_S)
     if answers.version is None:
-        session.target = None
+        session.select(None)
         raise IdentifyError(_unanswered_text(session, autopilot, target, answers.own_delay_s))
     identity = identity_of(
         autopilot,
         target,
-        session.heartbeats[target],
+        session.heartbeats[vehicle],
         answers.version,
         is_simulated=answers.is_simulated,
     )
     if fault := unsupported_version(identity):
-        session.target = None
+        session.select(None)
         raise IdentifyError(f"{session.link.name}: {fault}")
     return identity
 

@@ -6,10 +6,10 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.autopilot import Autopilot, AutopilotName, Target
-from vehicles.autopilots.registry import MULTICOPTERS, autopilot_of
-from vehicles.driver.session.session import ReceivedHeartbeat
-from vehicles.mavlink.names import enum_name
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, AutopilotName, Target
+from wil_campaign.vehicles.autopilots.registry import MULTICOPTERS, autopilot_of
+from wil_campaign.vehicles.driver.session.session import ReceivedHeartbeat, Sender
+from wil_campaign.vehicles.mavlink.names import enum_name
 
 _OLDEST: dict[AutopilotName, tuple[int, int]] = {"ardupilot": (4, 3), "px4": (1, 14)}
 """PX4 1.14 and ArduCopter 4.3 support what the strategies use; tested are 1.18 and 4.7."""
@@ -26,7 +26,8 @@ class Identity:
     version: (major, minor, patch); version_text adds the kind of release ("4.7.0-dev").
     uid: AUTOPILOT_VERSION.uid2 where it is set, else uid, in hex. simulation: whether it shows
     that it is one; then its uid is not unique (PX4's is a constant plus the system id, ArduPilot's
-    that of the machine).
+    that of the machine). board: its vendor, product and board ids, in hex; empty where it names
+    none.
     """
 
     autopilot: AutopilotName
@@ -39,6 +40,7 @@ class Identity:
     uid: str
     capabilities: int
     simulation: bool
+    board: str = ""
 
 
 def identity_of(
@@ -69,6 +71,7 @@ def identity_of(
         uid=uid2.hex() if any(uid2) else f"{version.uid:016x}",
         capabilities=version.capabilities,
         simulation=_is_simulation(autopilot.name, version, target.system, is_simulated),
+        board=_board_text(version),
     )
 
 
@@ -86,20 +89,20 @@ class Wanted:
 
 
 def matching_vehicle(
-    heartbeats: Mapping[Target, ReceivedHeartbeat], wanted: Wanted
-) -> tuple[Target, Autopilot] | None:
+    heartbeats: Mapping[Sender, ReceivedHeartbeat], wanted: Wanted
+) -> tuple[Sender, Autopilot] | None:
     """Return the first received vehicle of the wanted identity that we can fly.
 
     Its component id is 1, by which guard and links know the autopilot's frames.
     """
-    for target, each in heartbeats.items():
-        if target.component != _AUTOPILOT:
+    for sender, each in heartbeats.items():
+        if sender.component != _AUTOPILOT:
             continue
         strategy = autopilot_of(each.autopilot)
         if strategy is None or each.vehicle_type not in MULTICOPTERS or each.mavlink_version < 2:
             continue
-        if wanted.autopilot in {None, strategy.name} and wanted.system_id in {None, target.system}:
-            return target, strategy
+        if wanted.autopilot in {None, strategy.name} and wanted.system_id in {None, sender.system}:
+            return sender, strategy
     return None
 
 
@@ -120,11 +123,11 @@ def same_vehicle(one: Identity, other: Identity) -> bool:
     return one.uid == other.uid and not shared
 
 
-def describe_mismatches(heartbeats: Mapping[Target, ReceivedHeartbeat], wanted: Wanted) -> str:
+def describe_mismatches(heartbeats: Mapping[Sender, ReceivedHeartbeat], wanted: Wanted) -> str:
     """Return in words why none of the received vehicles is the wanted one."""
-    lines = [_describe_mismatch(target, each, wanted) for target, each in heartbeats.items()]
+    lines = [_describe_mismatch(one.target, each, wanted) for one, each in heartbeats.items()]
     if all(each.vehicle_type == mavlink.MAV_TYPE_GCS for each in heartbeats.values()):
-        systems = ", ".join(str(target.system) for target in heartbeats)
+        systems = ", ".join(str(one) for one in dict.fromkeys(one.system for one in heartbeats))
         return f"heartbeats of system {systems} only: this is a ground station's port"
     return "; ".join(lines)
 
@@ -167,6 +170,16 @@ def names_board(version: Any) -> bool:
     ArduPilot for boards with Linux (Navio2) has none either.
     """
     return bool(version.board_version or version.vendor_id)
+
+
+def _board_text(version: Any) -> str:
+    """Return the board's ids in an identity's AUTOPILOT_VERSION; empty where it names none."""
+    if not names_board(version):
+        return ""
+    return (
+        f"vendor {version.vendor_id:04x}, product {version.product_id:04x}, board "
+        f"{version.board_version:x}"
+    )
 
 
 def _is_simulation(

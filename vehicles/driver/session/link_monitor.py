@@ -3,9 +3,9 @@
 import asyncio
 from collections.abc import Callable
 
-from vehicles.autopilots.autopilot import own_heartbeat
-from vehicles.driver.session.repeater import Repeater
-from vehicles.driver.session.session import Session
+from wil_campaign.vehicles.autopilots.autopilot import own_heartbeat
+from wil_campaign.vehicles.driver.session.repeater import Repeater
+from wil_campaign.vehicles.driver.session.session import Session
 
 _HEARTBEAT_PERIOD_S = 1.0
 _WATCH_PERIOD_S = 0.1

@@ -2,21 +2,37 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.autopilot import Target
-from vehicles.driver.session.arrivals import Arrivals
-from vehicles.links.link import Link, TellsUnread
-from vehicles.mavlink.codec import Codec
-from vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.driver.session.arrivals import Arrivals
+from wil_campaign.vehicles.driver.session.second_vehicle import SecondVehicle
+from wil_campaign.vehicles.links.link import Link, TellsUnread
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.framing import Frame
+from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind, heartbeat_kind
+from wil_campaign.vehicles.mavlink.vehicle_frames import VehicleFrames
 
 Handler = Callable[[Any, float], None]
 """Takes a message and the run clock's time of its arrival."""
 
 PayloadHandler = Callable[[bytes, float], None]
 """Takes a message's payload, trailing zeros missing, and the time of its arrival."""
+
+
+class Sender(NamedTuple):
+    """The sender of heartbeats in the session: its ids do not tell two of them apart."""
+
+    system: int
+    component: int
+    kind: HeartbeatKind
+
+    @property
+    def target(self) -> Target:
+        """Return the ids by which messages are sent to it."""
+        return Target(self.system, self.component)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +58,9 @@ class Session:
     """The MAVLink session with a vehicle: packs what we send, dispatches what it sends.
 
     Messages without a handler are not decoded. Until `target` is set, heartbeats of all systems
-    are kept in `heartbeats` and dispatched; afterwards only the target's messages are. sender:
+    are kept in `heartbeats` and dispatched; afterwards only the target's messages are, and of
+    heartbeats with its ids those of its kind. The state of a second vehicle with its ids is left
+    out where sequence numbers tell the two apart; `second_vehicle` says that there is one. sender:
     sends our messages; None to write their frames to the link.
     """
 
@@ -53,7 +71,15 @@ class Session:
         self._sender = sender
         self.own = own
         self.target: Target | None = None
-        self.heartbeats: dict[Target, ReceivedHeartbeat] = {}
+        self._kind: HeartbeatKind | None = None
+        """Of the target's heartbeats; None for any."""
+        self.heartbeats: dict[Sender, ReceivedHeartbeat] = {}
+        self.others: dict[HeartbeatKind, float] = {}
+        """Other senders of heartbeats with the target's ids, and when each was first received."""
+        self.on_other: Callable[[HeartbeatKind, float], None] | None = None
+        """Called with each new one of `others`."""
+        self.second_vehicle = SecondVehicle()
+        self._frames = VehicleFrames()
         self.last_received_s: float | None = None
         self.arrivals = Arrivals()
         self.codec = Codec(system_id=own.system, component_id=own.component)
@@ -61,9 +87,22 @@ class Session:
         """Called with the time of each arrival of the target, before its messages."""
         self._handlers: dict[int, list[Handler]] = {}
         self._payload_handlers: dict[int, list[PayloadHandler]] = {}
+        self.on(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, self._note_version)
         link.receive(self.received)
         if isinstance(link, TellsUnread):
             link.on_unread(self.received_unread)
+
+    def select(self, vehicle: Sender | None) -> None:
+        """Dispatch the messages of a vehicle alone from now on; None for all heartbeats again."""
+        self.others.clear()
+        self._frames, self.second_vehicle = VehicleFrames(), SecondVehicle()
+        if vehicle is None:
+            self.target = self._kind = None
+            return
+        self.target, self._kind = vehicle.target, vehicle.kind
+        for sender, received in self.heartbeats.items():
+            if sender.target == vehicle.target and sender != vehicle:
+                self.others[sender.kind] = received.t_s
 
     def write_frames(self) -> None:
         """Write frames to the link from now on: the command backend is gone."""
@@ -107,9 +146,11 @@ class Session:
             if target is None:
                 self._note_heartbeat(frame, t_s)
             elif frame.system == target.system and frame.component == target.component:
-                if t_s != self.last_received_s:
-                    self._note_arrival(t_s)
-                self._dispatch(frame, t_s)
+                kind = heartbeat_kind(frame)
+                if kind is not None and self._kind not in {None, kind}:
+                    self._note_other(kind, t_s)
+                    continue
+                self._take(frame, t_s)
 
     def received_unread(self, arrived_s: Sequence[float]) -> None:
         """Note the arrival times of frames that were dropped: the vehicle was not silent then."""
@@ -123,19 +164,45 @@ class Session:
         self.last_received_s = t_s
         self.arrivals.note(t_s)
 
+    def _note_version(self, message: Any, t_s: float) -> None:
+        self.second_vehicle.version(message, t_s)
+
+    def _take(self, frame: Frame, t_s: float) -> None:
+        """Dispatch a frame with the target's ids, unless it is of a second sender with them."""
+        own, others = self._frames.split(frame, t_s)
+        for _ in others:
+            self.second_vehicle.second_frame(t_s, are_two=self._frames.are_two)
+        for one in own:
+            if t_s != self.last_received_s:
+                self._note_arrival(t_s)
+            self._dispatch(one, t_s)
+
+    def _note_other(self, kind: HeartbeatKind, t_s: float) -> None:
+        if kind in self.others:
+            return
+        self.others[kind] = t_s
+        if self.on_other is not None:
+            self.on_other(kind, t_s)
+
     def _note_heartbeat(self, frame: Frame, t_s: float) -> None:
         if frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             return
         message = self.codec.decode(frame)
         if message is None:
             return
-        self.heartbeats[Target(frame.system, frame.component)] = ReceivedHeartbeat(
-            message, t_s, frame.version
+        sender = Sender(
+            frame.system, frame.component, HeartbeatKind(message.type, message.autopilot)
         )
+        self.heartbeats[sender] = ReceivedHeartbeat(message, t_s, frame.version)
         for handler in self._handlers.get(frame.message_id, ()):
             handler(message, t_s)
 
     def _dispatch(self, frame: Frame, t_s: float) -> None:
+        match frame.message_id:
+            case mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
+                self.second_vehicle.position(frame.payload, t_s)
+            case mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+                self.second_vehicle.heartbeat(frame.raw, t_s)
         for payload_handler in self._payload_handlers.get(frame.message_id, ()):
             payload_handler(frame.payload, t_s)
         handlers = self._handlers.get(frame.message_id)

@@ -5,9 +5,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.clocks.timesync import VehicleClock
-from vehicles.driver.session.repeater import Repeater
-from vehicles.driver.session.session import Session
+from wil_campaign.vehicles.clocks.timesync import VehicleClock
+from wil_campaign.vehicles.driver.session.repeater import Repeater
+from wil_campaign.vehicles.driver.session.session import Session
 
 _BURST = 10
 _BURST_PERIOD_S = 0.0937

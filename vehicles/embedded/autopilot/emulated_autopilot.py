@@ -7,13 +7,13 @@ from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flight import telemetry
-from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
-from vehicles.embedded.autopilot.flight.flight import Flight, FlightStyle
-from vehicles.embedded.autopilot.flight.mission_items import Item, ItemRules
-from vehicles.embedded.autopilot.flight.parameter_table import Parameters
-from vehicles.embedded.autopilot.services import discovery, mission_service
-from vehicles.embedded.autopilot.services.command_registry import (
+from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
+from wil_campaign.vehicles.embedded.autopilot.flight.flight import Flight, FlightStyle
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import Item, ItemRules
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.autopilot.services import discovery, mission_service
+from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     FAILED,
@@ -26,20 +26,23 @@ from vehicles.embedded.autopilot.services.command_registry import (
     on_command,
     on_message,
 )
-from vehicles.embedded.autopilot.services.fence_items import EmulatedFence, emulated_fence
-from vehicles.embedded.autopilot.services.file_service import FileService
-from vehicles.embedded.autopilot.services.log_formats import DataFlash, ULog
-from vehicles.embedded.autopilot.services.log_service import FlightLogs
-from vehicles.embedded.autopilot.services.outbox import Outbox
-from vehicles.embedded.autopilot.services.parameter_file import PATH as PARAMETER_FILE
-from vehicles.embedded.autopilot.services.parameter_file import parameter_file
-from vehicles.embedded.autopilot.services.parameter_service import ParameterService
-from vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
-from vehicles.embedded.physics.airframe import Airframe
-from vehicles.embedded.physics.battery import Charge
-from vehicles.embedded.physics.states import Thrusts
-from vehicles.mavlink.fence_areas import FenceItemError
-from worlds.jit import F64
+from wil_campaign.vehicles.embedded.autopilot.services.fence_items import (
+    EmulatedFence,
+    emulated_fence,
+)
+from wil_campaign.vehicles.embedded.autopilot.services.file_service import FileService
+from wil_campaign.vehicles.embedded.autopilot.services.log_formats import DataFlash, ULog
+from wil_campaign.vehicles.embedded.autopilot.services.log_service import FlightLogs
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import INFO, Outbox
+from wil_campaign.vehicles.embedded.autopilot.services.parameter_file import PATH as PARAMETER_FILE
+from wil_campaign.vehicles.embedded.autopilot.services.parameter_file import parameter_file
+from wil_campaign.vehicles.embedded.autopilot.services.parameter_service import ParameterService
+from wil_campaign.vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
+from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.vehicles.embedded.physics.battery import Charge
+from wil_campaign.vehicles.embedded.physics.states import Thrusts
+from wil_campaign.vehicles.mavlink.fence_areas import FenceItemError
+from wil_campaign.worlds.jit import F64
 
 COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
 _EARLIEST_UNIX_US, _LATEST_UNIX_US = 1_230_768_000_000_000, 1 << 62
@@ -106,6 +109,7 @@ class EmulatedAutopilot(ABC):
         self.reboot_requested = False
         self._configured = parameters.changes
         self._arrived_s = 0.0
+        self._announced_unused: set[str] = set()
         self._parameter_server = ParameterService(parameters, strict=self.is_px4)
         self._commands = marked(type(self), "mav_commands")
         self._messages = marked(type(self), "mav_messages")
@@ -270,6 +274,15 @@ class EmulatedAutopilot(ABC):
     def _on_parameter_set(self, message: Any) -> None:
         for answer in self._parameter_server.write(message):
             self.outbox.send(answer)
+        name = message.param_id
+        if name in self.parameters and self.parameters.is_in_vain(name):
+            self._announce_unused(name)
+
+    def _announce_unused(self, name: str) -> None:
+        """Send a STATUSTEXT, once, that nothing acts on a parameter."""
+        if name not in self._announced_unused:
+            self._announced_unused.add(name)
+            self.outbox.send_text(INFO, f"{name} has no effect in this emulation")
 
     @on_message(
         "MISSION_COUNT",

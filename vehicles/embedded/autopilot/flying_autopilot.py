@@ -8,33 +8,33 @@ from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.emulated_autopilot import EmulatedAutopilot
-from vehicles.embedded.autopilot.flight.autopilot_state import Identity
-from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, Wanted
-from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
-from vehicles.embedded.autopilot.flight.parameter_table import load_parameters
-from vehicles.embedded.autopilot.flight.setpoint_targets import (
+from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import EmulatedAutopilot
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, Wanted
+from wil_campaign.vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import load_parameters
+from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import (
     RELATIVE_ALTITUDE_FRAMES,
     global_setpoint,
 )
-from vehicles.embedded.autopilot.flight.sticks import (
+from wil_campaign.vehicles.embedded.autopilot.flight.sticks import (
     FlyBySticks,
     StickLimits,
     Sticks,
     sticks_of_manual,
 )
-from vehicles.embedded.autopilot.services import discovery
-from vehicles.embedded.autopilot.services.command_registry import (
+from wil_campaign.vehicles.embedded.autopilot.services import discovery
+from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     Command,
     on_command,
     on_message,
     on_request,
 )
-from vehicles.embedded.autopilot.services.outbox import CRITICAL
-from vehicles.embedded.physics.airframe import Airframe
-from vehicles.embedded.physics.battery import Charge
-from worlds.frames import Vec3
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL
+from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.vehicles.embedded.physics.battery import Charge
+from wil_campaign.worlds.frames import Vec3
 
 
 class FlownMode(Protocol):

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import yaml
 
-from vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 
 _FILES: dict[AutopilotName, str] = {
     "px4": "px4/px4_parameters.yaml",
@@ -16,10 +16,39 @@ _FILES: dict[AutopilotName, str] = {
 
 
 @cache
+def _file_rows(file: Path) -> Mapping[str, list[str | float]]:
+    rows: dict[str, list[str | float]] = yaml.safe_load(file.read_text(encoding="utf-8"))
+    return MappingProxyType(rows)
+
+
+@cache
 def parameter_rows(file: Path) -> Mapping[str, tuple[str, float]]:
-    """Return the rows of a parameter file (`NAME: [kind, value]`); cached."""
-    rows = yaml.safe_load(file.read_text(encoding="utf-8"))
-    return MappingProxyType({name: (kind, float(value)) for name, (kind, value) in rows.items()})
+    """Return kind and default by name of a parameter file (`NAME: [kind, default]`); cached."""
+    rows = _file_rows(file)
+    return MappingProxyType({name: (str(row[0]), float(row[1])) for name, row in rows.items()})
+
+
+@cache
+def unused_rows(file: Path) -> Mapping[str, float | None]:
+    """Return the parameters of a file that nothing acts on (`NAME: [kind, default, unused]`).
+
+    By name the value that the vehicle flies by whatever is set; None where there is none.
+    """
+    rows = {name: row[2] for name, row in _file_rows(file).items() if row[2:]}
+    return MappingProxyType(
+        {name: None if value == "unused" else float(value) for name, value in rows.items()}
+    )
+
+
+def unused_parameters(autopilot: AutopilotName) -> Mapping[str, float | None]:
+    """Return `unused_rows` of an embedded autopilot."""
+    return unused_rows(Path(__file__).parent.joinpath(_FILES[autopilot]))
+
+
+def default_parameters(autopilot: AutopilotName) -> Mapping[str, float]:
+    """Return the parameters of an embedded autopilot with their defaults, by name."""
+    rows = parameter_rows(Path(__file__).parent.joinpath(_FILES[autopilot]))
+    return {name: value for name, (_, value) in rows.items()}
 
 
 @cache

@@ -6,13 +6,17 @@ from typing import Any, ClassVar, Generic
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flight.guidance import Behaviour
-from vehicles.embedded.autopilot.flight.mission_flight import LOOKS, FlyMission, MissionMakers
-from vehicles.embedded.autopilot.flight.mission_items import Item
-from vehicles.embedded.autopilot.flight.places import is_on_globe
-from vehicles.embedded.autopilot.flying_autopilot import FlyingAutopilot, Mode
-from vehicles.embedded.autopilot.services import mission_service
-from vehicles.embedded.autopilot.services.command_registry import (
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_flight import (
+    LOOKS,
+    FlyMission,
+    MissionMakers,
+)
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import Item
+from wil_campaign.vehicles.embedded.autopilot.flight.places import is_on_globe
+from wil_campaign.vehicles.embedded.autopilot.flying_autopilot import FlyingAutopilot, Mode
+from wil_campaign.vehicles.embedded.autopilot.services import mission_service
+from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     FAILED,

@@ -6,7 +6,7 @@ the parameters that it names.
 
 import math
 
-from vehicles.embedded.control.kernels import (
+from wil_campaign.vehicles.embedded.control.kernels import (
     GRAVITY_M_S2,
     allocate,
     clamp,
@@ -18,7 +18,7 @@ from vehicles.embedded.control.kernels import (
     shape_vertical,
     wrap,
 )
-from worlds.jit import F64, Float, Int, compiled
+from wil_campaign.worlds.jit import F64, Float, Int, compiled
 
 GAINS = (
     "PSC_NE_POS_P",

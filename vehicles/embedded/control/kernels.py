@@ -6,7 +6,7 @@ All angles rad, NED, body x forward, y right, z down. Arrays: `body` is the airf
 
 import math
 
-from worlds.jit import F64, Float, Int, inlined
+from wil_campaign.worlds.jit import F64, Float, Int, inlined
 
 GRAVITY_M_S2 = 9.80665
 

@@ -6,13 +6,18 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from vehicles.embedded.control import copter_kernel, px4_kernel
-from vehicles.embedded.control.target import Target
-from vehicles.embedded.physics.airframe import Airframe
-from vehicles.embedded.physics.motion_kernel import NUMBERS, estimate, read, read_and_estimate
-from vehicles.embedded.physics.states import Thrusts
-from worlds.frames import Vec3
-from worlds.jit import F64, direct
+from wil_campaign.vehicles.embedded.control import copter_kernel, px4_kernel
+from wil_campaign.vehicles.embedded.control.target import Target
+from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.vehicles.embedded.physics.motion_kernel import (
+    NUMBERS,
+    estimate,
+    read,
+    read_and_estimate,
+)
+from wil_campaign.vehicles.embedded.physics.states import Thrusts
+from wil_campaign.worlds.frames import Vec3
+from wil_campaign.worlds.jit import F64, direct
 
 _OUTER_EVERY = 2
 """The position part runs every second step, 125 Hz."""

@@ -6,7 +6,7 @@ As docs.px4.io describes it (Multicopter Controller Diagrams of v1.18; Bresciani
 
 import math
 
-from vehicles.embedded.control.kernels import (
+from wil_campaign.vehicles.embedded.control.kernels import (
     GRAVITY_M_S2,
     allocate,
     clamp,
@@ -17,7 +17,7 @@ from vehicles.embedded.control.kernels import (
     shape_vertical,
     wrap,
 )
-from worlds.jit import F64, Int, compiled
+from wil_campaign.worlds.jit import F64, Int, compiled
 
 GAINS = (
     "MPC_XY_P",

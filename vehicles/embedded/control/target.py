@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from worlds.frames import Vec3
+from wil_campaign.worlds.frames import Vec3
 
 
 class Target(NamedTuple):

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from vehicles.embedded.profile import Battery as BatteryProfile
+from wil_campaign.vehicles.embedded.profile import Battery as BatteryProfile
 
 _SECONDS_PER_HOUR = 3600.0
 _IDLE_CURRENT_A = 0.3

@@ -4,15 +4,21 @@ import math
 
 import numpy as np
 
-from vehicles.embedded.physics.battery import Battery
-from vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig
-from vehicles.embedded.physics.estimator import Estimator
-from vehicles.embedded.physics.motion_kernel import NEAR_GROUND, NUMBERS, WRECKED, read
-from vehicles.embedded.physics.noise import GaussMarkov
-from vehicles.embedded.physics.plant import Plant
-from vehicles.embedded.physics.states import STOPPED, Motion, Thrusts, TruthSample, motion_of
-from worlds.frames import Pose, Vec3, add, quat_from_euler, rotate
-from worlds.jit import F64
+from wil_campaign.vehicles.embedded.physics.battery import Battery
+from wil_campaign.vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig
+from wil_campaign.vehicles.embedded.physics.estimator import Estimator
+from wil_campaign.vehicles.embedded.physics.motion_kernel import NEAR_GROUND, NUMBERS, WRECKED, read
+from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
+from wil_campaign.vehicles.embedded.physics.plant import Plant
+from wil_campaign.vehicles.embedded.physics.states import (
+    STOPPED,
+    Motion,
+    Thrusts,
+    TruthSample,
+    motion_of,
+)
+from wil_campaign.worlds.frames import Pose, Vec3, add, quat_from_euler, rotate
+from wil_campaign.worlds.jit import F64
 
 PHYSICS_HZ = 250
 _AIR_HZ = 25

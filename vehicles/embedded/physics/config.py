@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Protocol, runtime_checkable
 
-from vehicles.embedded.physics.airframe import Airframe
-from vehicles.embedded.profile import Profile, load_profile
-from vehicles.readings import Source
-from worlds.frames import Pose
+from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.vehicles.embedded.profile import Profile, load_profile
+from wil_campaign.vehicles.readings import Source
+from wil_campaign.worlds.frames import Pose
 
 AutopilotKind = Literal["px4", "ardupilot"]
 

@@ -4,14 +4,14 @@ import json
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from vehicles.embedded.physics.airframe import Airframe
-from worlds.clearance.clearance import ClearanceProbe
-from worlds.files.documents import Document, parse
-from worlds.frames import Pose
-from worlds.scene.parts import BoxShape
-from worlds.scene.scene import Scene
-from worlds.scene.track import RunHistory, Track
-from worlds.world_file.world import Mode, Which, World
+from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.worlds.clearance.clearance import ClearanceProbe
+from wil_campaign.worlds.files.documents import Document, parse
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.parts import BoxShape
+from wil_campaign.worlds.scene.scene import Scene
+from wil_campaign.worlds.scene.track import RunHistory, Track
+from wil_campaign.worlds.world_file.world import Mode, Which, World
 
 _NEAR_M = 0.05
 """Only contact matters here: objects farther away than one step's travel are not measured."""

@@ -2,10 +2,14 @@
 
 import numpy as np
 
-from vehicles.embedded.physics.motion_kernel import NUMBERS, estimate, read_and_estimate
-from vehicles.embedded.physics.noise import GaussMarkov
-from vehicles.embedded.profile import EstimatorNoise
-from worlds.jit import F64, direct
+from wil_campaign.vehicles.embedded.physics.motion_kernel import (
+    NUMBERS,
+    estimate,
+    read_and_estimate,
+)
+from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
+from wil_campaign.vehicles.embedded.profile import EstimatorNoise
+from wil_campaign.worlds.jit import F64, direct
 
 _RADIANS_PER_DEGREE = 0.017453292519943295
 _ERRORS_HZ = 25

@@ -6,7 +6,7 @@ specific force (body, m/s2), three values each, as `Motion` does.
 
 import math
 
-from worlds.jit import F64, Float, Int, compiled, inlined
+from wil_campaign.worlds.jit import F64, Float, Int, compiled, inlined
 
 NUMBERS = 15
 FINITE, NEAR_GROUND, WRECKED = 1, 2, 4

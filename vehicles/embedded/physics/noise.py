@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from worlds.frames import Vec3
+from wil_campaign.worlds.frames import Vec3
 
 
 class GaussMarkov:

@@ -8,15 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from vehicles.embedded.physics.airframe import MOTORS, Airframe, aircraft_root
-from vehicles.embedded.physics.motion_kernel import NUMBERS, read
-from vehicles.embedded.physics.states import Motion, Thrusts, motion_of
-from worlds.frames import Vec3
-from worlds.jit import F64
+from wil_campaign.vehicles.embedded.physics.airframe import MOTORS, Airframe, aircraft_root
+from wil_campaign.vehicles.embedded.physics.motion_kernel import NUMBERS, read
+from wil_campaign.vehicles.embedded.physics.states import Motion, Thrusts, motion_of
+from wil_campaign.vehicles.errors import NO_JSBSIM
+from wil_campaign.worlds.frames import Vec3
+from wil_campaign.worlds.jit import F64
 
 os.environ.setdefault("JSBSIM_DEBUG", "0")
 
-import jsbsim  # it reads JSBSIM_DEBUG when imported
+try:
+    import jsbsim  # it reads JSBSIM_DEBUG when imported
+except ModuleNotFoundError:  # it has no wheel for ARM
+    jsbsim = None  # type: ignore[assignment]  # mypy has the module
 
 _METRES_PER_FOOT = 0.3048
 _TURBULENCE_NONE = 0.0
@@ -28,7 +32,7 @@ class PlantError(Exception):
     """The simulated plant cannot start, or diverged."""
 
 
-class _Silent(jsbsim.FGLogger):
+class _Silent(object if jsbsim is None else jsbsim.FGLogger):  # type: ignore[misc]  # untyped
     """A JSBSim logger that drops the plant's messages, which go to stdout otherwise."""
 
     def set_level(self, level: object) -> None:
@@ -66,6 +70,8 @@ class Plant:
         yaw_rad: float,
         rate_hz: int,
     ) -> None:
+        if jsbsim is None:
+            raise PlantError(NO_JSBSIM)
         jsbsim.set_logger(_Silent())
         root = aircraft_root(airframe, motor_lag_s=motor_lag_s)
         fdm = self._fdm = jsbsim.FGFDMExec(str(root))

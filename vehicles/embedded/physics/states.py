@@ -6,8 +6,8 @@ dataclass costs three times as much.
 
 from typing import NamedTuple
 
-from worlds.frames import Pose, Vec3
-from worlds.jit import F64
+from wil_campaign.worlds.frames import Pose, Vec3
+from wil_campaign.worlds.jit import F64
 
 Thrusts = tuple[float, float, float, float]
 """Newtons per motor, PX4's quad X order."""

@@ -1,12 +1,13 @@
 """The parent's end of an embedded vehicle's feed: receives truth, sends events and faults."""
 
 import asyncio
+import socket
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Self, cast
+from typing import Self
 
-from vehicles.embedded.physics.states import TruthSample
-from vehicles.embedded.process.feed import (
+from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.embedded.process.feed import (
     MakeFault,
     ToVehicle,
     Truth,
@@ -15,39 +16,31 @@ from vehicles.embedded.process.feed import (
     is_finite,
     to_vehicle,
 )
-from vehicles.faults import Fault
-from vehicles.links.link import LinkError
-from vehicles.processes.codec import MessageError
-from vehicles.readings import PoseReading, Source
+from wil_campaign.vehicles.faults import Fault
+from wil_campaign.vehicles.processes.codec import MessageError
+from wil_campaign.vehicles.processes.feed_socket import FeedSocket
+from wil_campaign.vehicles.readings import PoseReading, Source
 
 
-class FeedClient(asyncio.DatagramProtocol):
+class FeedClient:
     """The client of one launched embedded vehicle's feed; same interface as `EmbeddedVehicle`.
 
-    An async context manager that binds `port` (0: any) on loopback.
+    end: our end of the feed's socket; an async context manager that closes it.
     """
 
-    def __init__(self, *, source: Source, port: int = 0, host: str = "127.0.0.1") -> None:
+    def __init__(self, *, source: Source, end: socket.socket) -> None:
         self._source = source
-        self._where = (host, port)
-        self._transport: asyncio.DatagramTransport | None = None
-        self._peer: tuple[str, int] | None = None
+        self._end = end
+        self._socket: FeedSocket | None = None
         self._truths: list[tuple[float, Callable[[TruthSample], None], list[float]]] = []
         self._mocaps: list[Callable[[PoseReading], None]] = []
         self._truth: TruthSample | None = None
         self._seq_in = -1
         self._seq_out = 0
         self.garbage = 0
-        """Number of datagrams that are not messages of the feed."""
+        """Number of packets that are not messages of the feed."""
         self.connected = asyncio.Event()
-        """Set with the first datagram."""
-
-    @property
-    def port(self) -> int:
-        """Return the feed client's port; 0 when closed."""
-        if self._transport is None:
-            return 0
-        return int(self._transport.get_extra_info("sockname")[1])
+        """Set with the first packet."""
 
     def truth(self) -> TruthSample | None:
         """Return the launched vehicle's newest truth; None before the first."""
@@ -70,26 +63,17 @@ class FeedClient(asyncio.DatagramProtocol):
         self._send(MakeFault(self._next_seq(), str(fault)))
 
     async def __aenter__(self) -> Self:
-        """Bind the feed client's port. Raises LinkError when it is in use."""
-        loop = asyncio.get_running_loop()
-        try:
-            await loop.create_datagram_endpoint(lambda: self, local_addr=self._where)
-        except OSError as error:
-            raise LinkError(f"feed udp://{self._where[0]}:{self._where[1]}: {error}") from error
+        """Read the feed client's socket from now on."""
+        self._socket = FeedSocket(self._end, self._take)
         return self
 
     async def __aexit__(self, *_: object) -> None:
         """Close the feed client's socket."""
-        if self._transport is not None:
-            self._transport.close()
-            self._transport = None
+        if self._socket is not None:
+            self._socket.close()
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Keep the feed client's socket (asyncio calls this)."""
-        self._transport = cast("asyncio.DatagramTransport", transport)
-
-    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        """Handle a datagram of the embedded vehicle's feed."""
+    def _take(self, data: bytes) -> None:
+        """Handle a packet of the embedded vehicle's feed."""
         try:
             message = from_vehicle.decode(data)
         except MessageError:
@@ -100,7 +84,7 @@ class FeedClient(asyncio.DatagramProtocol):
             return
         if message.seq <= self._seq_in:
             return
-        self._peer, self._seq_in = addr, message.seq
+        self._seq_in = message.seq
         self.connected.set()
         if isinstance(message, Truth):
             self._pass_truth(message.sample)
@@ -125,5 +109,5 @@ class FeedClient(asyncio.DatagramProtocol):
 
     def _send(self, message: ToVehicle) -> None:
         """Send a message to the embedded vehicle's process."""
-        if self._transport is not None and self._peer is not None:
-            self._transport.sendto(to_vehicle.encode(message), self._peer)
+        if self._socket is not None:
+            self._socket.send(to_vehicle.encode(message))

@@ -5,6 +5,7 @@ import gc
 import importlib
 import os
 import signal
+import socket
 import sys
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack
@@ -12,11 +13,11 @@ from typing import Any, cast
 
 from pydantic import ValidationError
 
-from vehicles.clocks.paced_loop import PacedLoop
-from vehicles.embedded.control.law import load_kernels
-from vehicles.embedded.physics.config import ContactWorld
-from vehicles.embedded.physics.states import TruthSample
-from vehicles.embedded.process.feed import (
+from wil_campaign.vehicles.clocks.paced_loop import PacedLoop
+from wil_campaign.vehicles.embedded.control.law import load_kernels
+from wil_campaign.vehicles.embedded.physics.config import ContactWorld
+from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.embedded.process.feed import (
     FromVehicle,
     MakeFault,
     Mocap,
@@ -26,19 +27,23 @@ from vehicles.embedded.process.feed import (
     from_vehicle,
     to_vehicle,
 )
-from vehicles.embedded.process.process_settings import ContactWorldSettings, ProcessSettings
-from vehicles.embedded.process.vehicle_faults import VehicleFaults
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.faults import FaultError, parse_fault
-from vehicles.links.link import LinkError
-from vehicles.links.link_factory import open_link
-from vehicles.links.link_strings import parse_link
-from vehicles.processes.clock_socket import InheritedClock
-from vehicles.processes.codec import MessageError
-from vehicles.processes.linux import UnsupportedSystemError, die_with_parent
-from vehicles.readings import PoseReading
-from vehicles.readings.copies import restamp_pose
-from worlds.files.documents import BadInput
+from wil_campaign.vehicles.embedded.process.process_settings import (
+    ContactWorldSettings,
+    ProcessSettings,
+)
+from wil_campaign.vehicles.embedded.process.vehicle_faults import VehicleFaults
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.faults import FaultError, parse_fault
+from wil_campaign.vehicles.links.link import LinkError
+from wil_campaign.vehicles.links.link_factory import open_link
+from wil_campaign.vehicles.links.link_strings import parse_link
+from wil_campaign.vehicles.processes.clock_socket import InheritedClock
+from wil_campaign.vehicles.processes.codec import MessageError
+from wil_campaign.vehicles.processes.feed_socket import FeedSocket, inherited_feed
+from wil_campaign.vehicles.processes.linux import UnsupportedSystemError, die_with_parent
+from wil_campaign.vehicles.readings import PoseReading
+from wil_campaign.vehicles.readings.copies import restamp_pose
+from wil_campaign.worlds.files.documents import BadInput
 
 BAD_SETTINGS, FAILED = 2, 1
 """Exit codes; 0 after SIGTERM, SIGINT, a kill fault, or the end of stdin."""
@@ -49,19 +54,35 @@ Companion = Callable[[EmbeddedVehicle, VehicleFaults], AbstractAsyncContextManag
 
 
 class FeedEnd(asyncio.DatagramProtocol):
-    """The embedded process's end of its feed."""
+    """The embedded process's end of its feed: an inherited socket, or UDP for other programs."""
 
     def __init__(self, *, vehicle: EmbeddedVehicle, faults: VehicleFaults) -> None:
         self._vehicle = vehicle
         self._faults = faults
         self._transport: asyncio.DatagramTransport | None = None
+        self._inherited: FeedSocket | None = None
         self._seq = 0
+
+    def inherit(self, end: socket.socket) -> None:
+        """Use an inherited socket."""
+        self._inherited = FeedSocket(end, self.take)
+
+    def close(self) -> None:
+        """Close the feed's socket."""
+        if self._inherited is not None:
+            self._inherited.close()
+        if self._transport is not None:
+            self._transport.close()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep the embedded process's feed socket (asyncio calls this)."""
         self._transport = cast("asyncio.DatagramTransport", transport)
 
     def datagram_received(self, data: bytes, addr: object) -> None:  # noqa: ARG002 - asyncio's
+        """Handle a datagram: from the one address that the feed is sent to."""
+        self.take(data)
+
+    def take(self, data: bytes) -> None:
         """Handle an event or a fault; anything else is reported on stderr and dropped."""
         try:
             self._take(to_vehicle.decode(data))
@@ -82,8 +103,11 @@ class FeedEnd(asyncio.DatagramProtocol):
     def _send(self, message: FromVehicle) -> None:
         """Send a message on the embedded process's feed."""
         self._seq += 1
-        if self._transport is not None and not self._transport.is_closing():
-            self._transport.sendto(from_vehicle.encode(message))
+        packet = from_vehicle.encode(message)
+        if self._inherited is not None:
+            self._inherited.send(packet)
+        elif self._transport is not None and not self._transport.is_closing():
+            self._transport.sendto(packet)
 
     def _take(self, message: ToVehicle) -> None:
         """Handle a message to the embedded process: event or fault."""
@@ -109,11 +133,14 @@ async def fly(
         vehicle.on_sent(_print_text)
     faults = VehicleFaults(vehicle, kill=stop.set, report=_report_fault)
     feed = FeedEnd(vehicle=vehicle, faults=faults)
-    transport: asyncio.BaseTransport | None = None
-    if settings.feed_port:
-        transport, _ = await asyncio.get_running_loop().create_datagram_endpoint(
+    inherited = inherited_feed()
+    if inherited is not None:
+        feed.inherit(inherited)
+    elif settings.feed_port:
+        await asyncio.get_running_loop().create_datagram_endpoint(
             lambda: feed, remote_addr=(settings.feed_host, settings.feed_port)
         )
+    if inherited is not None or settings.feed_port:
         truth = faults.through("pose_source", _restamp_truth, feed.send_truth)
         vehicle.on_truth(truth, settings.truth_hz)
         vehicle.on_mocap(faults.through("pose_source", restamp_pose, feed.send_mocap))
@@ -129,14 +156,13 @@ async def fly(
                 faults.inject(parse_fault(text))
             await stop.wait()
     finally:
-        if transport is not None:
-            transport.close()
+        feed.close()
 
 
 def main(arguments: list[str]) -> int:
     """Run the embedded process; the one argument is its settings as JSON. Return the exit code."""
     if len(arguments) != 1:
-        sys.stderr.write("usage: python -m vehicles.embedded SETTINGS_JSON\n")
+        sys.stderr.write("usage: python -m wil_campaign.vehicles.embedded SETTINGS_JSON\n")
         return BAD_SETTINGS
     try:
         settings = ProcessSettings.model_validate_json(arguments[0])

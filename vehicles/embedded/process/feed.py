@@ -6,9 +6,9 @@ machine share. seq counts up by one per datagram of a sender.
 
 import math
 
-from vehicles.embedded.physics.states import TruthSample
-from vehicles.processes.codec import Codec, Finite, Message
-from vehicles.readings import PoseReading
+from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.processes.codec import Codec, Finite, Message
+from wil_campaign.vehicles.readings import PoseReading
 
 
 class Truth(Message, frozen=True):

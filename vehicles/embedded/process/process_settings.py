@@ -5,9 +5,9 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from vehicles.embedded.physics.config import AutopilotKind, EmbeddedConfig
-from vehicles.embedded.profile import load_profile
-from worlds.frames import Pose
+from wil_campaign.vehicles.embedded.physics.config import AutopilotKind, EmbeddedConfig
+from wil_campaign.vehicles.embedded.profile import load_profile
+from wil_campaign.worlds.frames import Pose
 
 
 class _Part(BaseModel):
@@ -36,13 +36,13 @@ class ProcessSettings(_Part):
     """The settings of an embedded vehicle's process, with its link and feed.
 
     link: a link string, seen from the vehicle (udpout://127.0.0.1:14540). feed_host, feed_port:
-    where truth and motion capture are sent; 0 for no feed. speed: how many times real time its
-    clock runs, if the machine can. end_with_stdin: end when the pipe on stdin closes.
-    end_with_parent: end when the process that started it ends; false where other processes hold
-    the pipe as well, so that the failsafes can act. running_s: for how long the autopilot has been
-    on when its link opens; ArduCopter needs 42 s to be ready. boot_unix_us: the time of day at
-    boot, for its GPS. print_texts: print STATUSTEXTs and acknowledgements to stderr. faults: texts
-    of `parse_fault`; their times count from the opening of the link.
+    where truth and motion capture are sent; 0 for no feed, or that of an inherited socket. speed:
+    how many times real time its clock runs, if the machine can. end_with_stdin: end when the pipe
+    on stdin closes. end_with_parent: end when the process that started it ends; false where other
+    processes hold the pipe as well, so that the failsafes can act. running_s: for how long the
+    autopilot has been on when its link opens; ArduCopter needs 42 s to be ready. boot_unix_us: the
+    time of day at boot, for its GPS. print_texts: print STATUSTEXTs and acknowledgements to stderr.
+    faults: texts of `parse_fault`; their times count from the opening of the link.
     """
 
     autopilot: AutopilotKind

@@ -4,15 +4,18 @@ import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from vehicles.embedded.autopilot.known_parameters import known_parameters
-from vehicles.embedded.physics.config import AutopilotKind
-from vehicles.embedded.physics.contact_world import as_argument
-from vehicles.embedded.process.process_settings import ContactWorldSettings, ProcessSettings
-from vehicles.embedded.profile import load_profile
-from vehicles.faults import parse_fault
-from vehicles.links.link_strings import parse_link
-from worlds.files.documents import closest, load
-from worlds.world_file.world import World
+from wil_campaign.vehicles.embedded.autopilot.known_parameters import known_parameters
+from wil_campaign.vehicles.embedded.physics.config import AutopilotKind
+from wil_campaign.vehicles.embedded.physics.contact_world import as_argument
+from wil_campaign.vehicles.embedded.process.process_settings import (
+    ContactWorldSettings,
+    ProcessSettings,
+)
+from wil_campaign.vehicles.embedded.profile import load_profile
+from wil_campaign.vehicles.faults import parse_fault
+from wil_campaign.vehicles.links.link_strings import parse_link
+from wil_campaign.worlds.files.documents import closest, load
+from wil_campaign.worlds.world_file.world import World
 
 
 def standalone_settings(
@@ -74,7 +77,7 @@ def _in_world(settings: ProcessSettings, file: Path) -> ProcessSettings:
             "longitude_deg": frame.longitude_deg,
             "altitude_m": frame.altitude_m,
             "contact_world": ContactWorldSettings(
-                use="vehicles.embedded.physics.contact_world:from_argument",
+                use="wil_campaign.vehicles.embedded.physics.contact_world:from_argument",
                 argument=as_argument(document, "real", "W"),
             ),
         }

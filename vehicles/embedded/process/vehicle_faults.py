@@ -5,8 +5,8 @@ import copy
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.faults import Fault, FaultError, FaultKind, FaultySignal, Restamp
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.faults import Fault, FaultError, FaultKind, FaultySignal, Restamp
 
 T = TypeVar("T")
 

@@ -7,16 +7,16 @@ from typing import Any
 
 import av
 
-from vehicles.sources.camera_source import SourceError
-from vehicles.sources.cameras.av_input import (
+from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.vehicles.sources.cameras.av_input import (
     AvInput,
     no_image_error,
     no_key_frame_error,
     opening_error,
     redacted_address,
 )
-from vehicles.sources.cameras.h264_loss import LossFinder
-from vehicles.sources.cameras.live_camera import GrabbedImage
+from wil_campaign.vehicles.sources.cameras.h264_loss import LossFinder
+from wil_campaign.vehicles.sources.cameras.live_camera import GrabbedImage
 
 _READ_TIMEOUT_S = 1.0
 """How often a thread that waits for data checks whether it has to stop.

@@ -8,8 +8,8 @@ from typing import Literal
 
 import av
 
-from vehicles.sources.camera_source import SourceError
-from worlds.camera import Intrinsics
+from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.worlds.camera import Intrinsics
 
 AvKind = Literal["rtsp", "rtp", "v4l2", "file"]
 
@@ -56,7 +56,7 @@ def av_input(
 ) -> AvInput:
     """Return PyAV's input for `rtsp://...`, `rtp://HOST:PORT`, `*.sdp`, `/dev/video*`, files.
 
-    `rtp://` takes H.264 with dynamic payload type 96, as sent by `orchestrator.delivery`, by
+    `rtp://` takes H.264 with dynamic payload type 96, as sent by `deliver`, by
     GStreamer's rtph264pay and by most drones; anything else is described by an SDP file.
     intrinsics, rate_hz, v4l2_format: requested of a V4L2 device. Raises SourceError.
     """

@@ -2,12 +2,12 @@
 
 from typing import Literal
 
-from vehicles.readings import Source
-from vehicles.sources.camera_source import SourceError
-from vehicles.sources.cameras.av_grabber import AvGrabber
-from vehicles.sources.cameras.av_input import av_input, redacted_address
-from vehicles.sources.cameras.live_camera import LiveCamera
-from worlds.camera import Intrinsics
+from wil_campaign.vehicles.readings import Source
+from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.vehicles.sources.cameras.av_grabber import AvGrabber
+from wil_campaign.vehicles.sources.cameras.av_input import av_input, redacted_address
+from wil_campaign.vehicles.sources.cameras.live_camera import LiveCamera
+from wil_campaign.worlds.camera import Intrinsics
 
 
 def live_camera(

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from vehicles.readings import BgrImage, CameraReading, Source
-from vehicles.sources.arrival_clock import ArrivalClock
-from vehicles.sources.camera_source import ImageChangedError, SourceCounts, SourceError
-from worlds.camera import Intrinsics
+from wil_campaign.vehicles.readings import BgrImage, CameraReading, Source
+from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock
+from wil_campaign.vehicles.sources.camera_source import ImageChangedError, SourceCounts, SourceError
+from wil_campaign.worlds.camera import Intrinsics
 
 
 class Stamper:

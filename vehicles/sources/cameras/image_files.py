@@ -7,12 +7,14 @@ from typing import Any
 import av
 import cv2
 
-from vehicles.sources.camera_source import IMAGE_SUFFIXES, SourceError
-from vehicles.sources.cameras.av_input import opening_error
-from vehicles.sources.cameras.frame_stamps import check_image
-from vehicles.sources.cameras.recorded_camera import RecordedImage
-from worlds.files.images import ImageError, check_pixels, read_image
-from worlds.files.limits import MAX_IMAGE_PIXELS
+from wil_campaign.vehicles.sources.camera_source import IMAGE_SUFFIXES, SourceError
+from wil_campaign.vehicles.sources.cameras.av_input import opening_error
+from wil_campaign.vehicles.sources.cameras.frame_stamps import check_image
+from wil_campaign.vehicles.sources.cameras.recorded_camera import RecordedImage
+from wil_campaign.worlds.files.images import ImageError, check_pixels, read_image
+from wil_campaign.worlds.files.lfs import LFS_POINTER, is_lfs_file
+from wil_campaign.worlds.files.limits import MAX_IMAGE_PIXELS
+from wil_campaign.worlds.files.paths import is_file
 
 
 class VideoFile:
@@ -36,6 +38,8 @@ class VideoFile:
             options = {"protocol_whitelist": "file"}
             self._container = av.open(str(self._path), options=options)
         except (av.error.FFmpegError, OSError, ValueError) as error:
+            if is_file(self._path) and is_lfs_file(self._path):
+                raise SourceError(f"{self.name}: {LFS_POINTER}") from error
             raise opening_error(self.name, error) from error
         if not self._container.streams.video:
             raise SourceError(f"{self.name}: has no video; is it audio only?")

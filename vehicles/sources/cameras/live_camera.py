@@ -12,11 +12,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol, Self
 
-from vehicles.readings import BgrImage, CameraReading, Source
-from vehicles.sources.arrival_clock import ArrivalClock
-from vehicles.sources.camera_source import SourceCounts, SourceError, SourceStalledError
-from vehicles.sources.cameras.frame_stamps import Stamper, source_counts
-from worlds.camera import Intrinsics
+from wil_campaign.vehicles.readings import BgrImage, CameraReading, Source
+from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock
+from wil_campaign.vehicles.sources.camera_source import (
+    SourceCounts,
+    SourceError,
+    SourceStalledError,
+)
+from wil_campaign.vehicles.sources.cameras.frame_stamps import Stamper, source_counts
+from wil_campaign.worlds.camera import Intrinsics
 
 _STOP_TIMEOUT_S = 2.0
 """A grabber's thread that has not stopped this long after the request is abandoned."""

@@ -5,22 +5,40 @@ from heapq import heappop, heappush
 from io import BytesIO
 from itertools import count
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.reader import make_reader
-from mcap.records import Chunk, Message
+from mcap.records import Channel, Chunk, Message, Schema
+from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
-from vehicles.sources.camera_source import SourceError
-from vehicles.sources.cameras.compressed_image import Decode, decoder_for
-from vehicles.sources.cameras.frame_stamps import check_image
-from vehicles.sources.cameras.recorded_camera import RecordedImage
-from vehicles.sources.mcap_limits import DAMAGED, RECORD_HEAD, check_length, chunk_records
-from vehicles.sources.messagepack import BadMessageError
-from worlds.files.images import ImageError, decode_image
+from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.vehicles.sources.cameras.compressed_image import Decode, decoder_for
+from wil_campaign.vehicles.sources.cameras.frame_stamps import check_image
+from wil_campaign.vehicles.sources.cameras.recorded_camera import RecordedImage
+from wil_campaign.vehicles.sources.mcap_limits import (
+    DAMAGED,
+    RECORD_HEAD,
+    check_length,
+    chunk_records,
+)
+from wil_campaign.vehicles.sources.messagepack import BadMessageError
+from wil_campaign.worlds.files.images import ImageError, decode_image
+from wil_campaign.worlds.files.lfs import LFS_POINTER, is_lfs_file
+from wil_campaign.worlds.files.limits import MAX_CHUNK_BYTES
+
+_JUMP_S, _FASTEST = 10.0, 100.0
+"""A stamp may be so much later than the log times tell: of a simulation, so many times faster."""
+
+
+class _Timed(NamedTuple):
+    """The times of an image: since the first one, and when it was logged; s."""
+
+    offset_s: float
+    logged_s: float
+    is_stamped: bool
 
 
 class McapFile:
@@ -35,7 +53,8 @@ class McapFile:
         self._stream: IO[bytes] | None = None
         self._messages: Iterator[Message] = iter(())
         self._decode: Decode | None = None
-        self._first_s: float | None = None
+        self._last: _Timed | None = None
+        self._zero_s = 0.0
 
     @property
     def name(self) -> str:
@@ -45,10 +64,12 @@ class McapFile:
     def open(self) -> None:
         """Open the MCAP file and find the topic. Raises SourceError."""
         try:
+            if is_lfs_file(self._path):
+                raise SourceError(f"{self._path}: {LFS_POINTER}")
             self._stream = self._path.open("rb")
-            reader = make_reader(self._stream)
-            topic, self._decode = self._choose_topic(_image_topics(reader))
-            self._messages = _messages(self._stream, reader.get_summary(), topic)
+            summary = make_reader(self._stream).get_summary()
+            topic, self._decode = self._choose_topic(_image_topics(self._stream, summary))
+            self._messages = _messages(self._stream, summary, topic)
         except OSError as error:
             raise SourceError(f"{self._path}: {error.strerror}; check the path") from error
         except DAMAGED as error:
@@ -67,15 +88,39 @@ class McapFile:
             image = self._decode(bytes(message.data))
         except BadMessageError as error:
             raise SourceError(f"{self.name}: message {message.sequence} {error}") from error
-        t_s = image.stamp_s if image.stamp_s is not None else message.log_time * 1e-9
-        if self._first_s is None:
-            self._first_s = t_s
-        return RecordedImage(t_s - self._first_s, self._decode_image(image.data, message.sequence))
+        offset_s = self._offset_after(image.stamp_s, message)
+        return RecordedImage(offset_s, self._decode_image(image.data, message.sequence))
 
     def close(self) -> None:
         """Close the MCAP file."""
         if self._stream is not None:
             self._stream.close()
+
+    def _offset_after(self, stamp_s: float | None, message: Message) -> float:
+        """Return an image's time since the first one: by its stamp, else by its log time.
+
+        A stamp of 0 is unset, or the first one of a simulation's time: between an image with and
+        one without a stamp the log times tell. Raises SourceError where the sender's clock was set
+        between two images: the later ones would not be due for years.
+        """
+        logged_s, is_stamped = message.log_time * 1e-9, stamp_s is not None
+        t_s = logged_s if stamp_s is None else stamp_s
+        last = self._last
+        if last is None:
+            self._zero_s = t_s
+        elif last.is_stamped != is_stamped:
+            self._zero_s = t_s - (last.offset_s + logged_s - last.logged_s)
+        offset_s = t_s - self._zero_s
+        if last is not None and is_stamped:
+            step_s, by_log_s = offset_s - last.offset_s, logged_s - last.logged_s
+            if step_s > _JUMP_S + _FASTEST * max(0.0, by_log_s):
+                raise SourceError(
+                    f"{self.name}: the stamp of message {message.sequence} is {step_s:.6g} s after "
+                    f"the one before, and it was logged {by_log_s:.3g} s after it: the sender's "
+                    "clock was set; cut the recording there"
+                )
+        self._last = _Timed(offset_s, logged_s, is_stamped)
+        return offset_s
 
     def _decode_image(self, data: bytes, sequence: int) -> "np.ndarray[Any, np.dtype[np.uint8]]":
         try:
@@ -109,11 +154,12 @@ class McapFile:
 def _messages(stream: IO[bytes], summary: Summary | None, topic: str) -> Iterator[Message]:
     """Yield the messages of a topic in the order of their log times, chunk by chunk.
 
-    Raises what DAMAGED lists. Chunks overlap in time: a message is yielded once no later chunk can
-    hold an earlier one.
+    Without an index of chunks (a recorder may write none) in the file's order. Raises what DAMAGED
+    lists. Chunks overlap in time: a message is yielded once no later chunk can hold an earlier one.
     """
     if summary is None or not summary.chunk_indexes:
-        raise McapError("it has no index of chunks")
+        yield from _messages_in_file_order(stream, topic)
+        return
     channels = {one.id for one in summary.channels.values() if one.topic == topic}
     chunks = sorted(summary.chunk_indexes, key=lambda one: one.message_start_time)
     waiting: list[tuple[int, int, Message]] = []
@@ -131,12 +177,44 @@ def _messages(stream: IO[bytes], summary: Summary | None, topic: str) -> Iterato
         yield heappop(waiting)[2]
 
 
-def _image_topics(reader: Any) -> dict[str, Decode]:
-    summary = reader.get_summary()
+def _messages_in_file_order(stream: IO[bytes], topic: str) -> Iterator[Message]:
+    """Yield the messages of a topic in the order in which the file has them."""
+    channels: set[int] = set()
+    for record in _records(stream):
+        if isinstance(record, Channel) and record.topic == topic:
+            channels.add(record.id)
+        elif isinstance(record, Message) and record.channel_id in channels:
+            yield record
+
+
+def _records(stream: IO[bytes]) -> Iterator[Schema | Channel | Message]:
+    """Yield all schemas, channels and messages of an MCAP file, whether in chunks or not."""
+    stream.seek(0)
+    reader = StreamReader(stream, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES)
+    for record in reader.records:
+        if isinstance(record, Chunk):
+            yield from chunk_records(record)
+        elif isinstance(record, Schema | Channel | Message):
+            yield record
+
+
+def _image_topics(stream: IO[bytes], summary: Summary | None) -> dict[str, Decode]:
+    """Return the topics of images with their decoders; from all records where no index has them."""
+    if summary is not None and summary.channels:
+        schemas, channels = dict(summary.schemas), list(summary.channels.values())
+    else:
+        records = list(_records_but_messages(stream))
+        schemas = {one.id: one for one in records if isinstance(one, Schema)}
+        channels = [one for one in records if isinstance(one, Channel)]
     found: dict[str, Decode] = {}
-    for channel in summary.channels.values() if summary is not None else ():
-        schema = summary.schemas.get(channel.schema_id)
+    for channel in channels:
+        schema = schemas.get(channel.schema_id)
         decode = decoder_for(schema.name, channel.message_encoding) if schema else None
         if decode is not None:
             found[channel.topic] = decode
     return found
+
+
+def _records_but_messages(stream: IO[bytes]) -> Iterator[Schema | Channel]:
+    """Yield the schemas and channels of an MCAP file that has no index of them."""
+    return (one for one in _records(stream) if not isinstance(one, Message))

@@ -5,11 +5,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, Self, TypeVar
 
-from vehicles.cameras.rendered_cameras import sleep_until
-from vehicles.readings import BgrImage, CameraReading, Source
-from vehicles.sources.camera_source import SourceCounts, SourceError
-from vehicles.sources.cameras.frame_stamps import Stamper, check_size, source_counts
-from worlds.camera import Intrinsics
+from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
+from wil_campaign.vehicles.readings import BgrImage, CameraReading, Source
+from wil_campaign.vehicles.sources.camera_source import SourceCounts, SourceError
+from wil_campaign.vehicles.sources.cameras.frame_stamps import Stamper, check_size, source_counts
+from wil_campaign.worlds.camera import Intrinsics
 
 T = TypeVar("T")
 

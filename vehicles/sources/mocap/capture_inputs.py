@@ -6,26 +6,40 @@ from typing import Self
 
 import zmq
 
-from vehicles.readings import PoseReading
-from vehicles.sources.camera_source import SourceError
-from vehicles.sources.mocap.motion_capture import MotionCapture
+from wil_campaign.vehicles.readings import PoseReading
+from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.vehicles.sources.mocap.motion_capture import MotionCapture
 
 Deliver = Callable[[PoseReading], None]
+_MOST_OTHERS = 8
 
 
 class UdpCapture(asyncio.DatagramProtocol):
     """A motion capture input by UDP, one message per datagram; an async context manager.
 
     host: an address of this machine; 0.0.0.0 for all of them. deliver: called in the loop with
-    each reading, in order.
+    each reading, in order. sender: the address whose messages are taken, HOST or HOST:PORT; by
+    default that of the first sound message. Those of any other are dropped, and their sender is
+    named in `others`.
     """
 
-    def __init__(self, *, host: str, port: int, capture: MotionCapture, deliver: Deliver) -> None:
+    def __init__(
+        self, *, host: str, port: int, capture: MotionCapture, deliver: Deliver, sender: str = ""
+    ) -> None:
         self.name = f"motion capture on UDP {host}:{port}"
         self._address = (host, port)
         self._capture = capture
         self._deliver = deliver
+        self._named = sender
+        self._sender: tuple[str, int] | None = None
+        self.others: dict[str, str] = {}
+        """Messages about other senders, by their address; the first few."""
         self._transport: asyncio.DatagramTransport | None = None
+
+    @property
+    def rivals(self) -> str:
+        """Return in words which other senders there are, where none was named; "" without any."""
+        return "" if self._named else "; ".join(self.others.values())
 
     @property
     def port(self) -> int:
@@ -56,10 +70,35 @@ class UdpCapture(asyncio.DatagramProtocol):
             # The transport closes its socket one turn later.
             await asyncio.sleep(0)
 
-    def datagram_received(self, data: bytes, _addr: tuple[str, int]) -> None:
-        """Take a capture datagram (asyncio calls this)."""
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        """Take a capture datagram of the one sender (asyncio calls this)."""
+        if not self._is_sender(addr):
+            self._note_other(addr)
+            return
+        garbage = self._capture.garbage
         for reading in self._capture.take(data, self._loop.time()):
             self._deliver(reading)
+        if self._sender is None and self._capture.garbage == garbage:
+            self._sender = addr
+
+    def _is_sender(self, addr: tuple[str, int]) -> bool:
+        """Return whether an address is that of the sender, or may become it."""
+        if self._sender is not None:
+            return addr == self._sender
+        return not self._named or self._named in {addr[0], _text(addr)}
+
+    def _note_other(self, addr: tuple[str, int]) -> None:
+        if len(self.others) >= _MOST_OTHERS or _text(addr) in self.others:
+            return
+        taken = self._named if self._sender is None else _text(self._sender)
+        self.others[_text(addr)] = (
+            f"{self.name} is sent to by {_text(addr)} as well as by {taken}, whose poses alone are "
+            "taken"
+        )
+
+
+def _text(addr: tuple[str, int]) -> str:
+    return f"{addr[0]}:{addr[1]}"
 
 
 class ZmqCapture:

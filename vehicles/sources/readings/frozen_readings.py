@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from vehicles.readings import (
+from wil_campaign.vehicles.readings import (
     CameraReading,
     GpsReading,
     ImuReading,
@@ -14,7 +14,7 @@ from vehicles.readings import (
     RangefinderReading,
     Reading,
 )
-from worlds.frames import Pose, Vec3, angle_between, norm, rotate, subtract
+from wil_campaign.worlds.frames import Pose, Vec3, angle_between, norm, rotate, subtract
 
 _SAME = 10
 """Up to so many equal readings in succession may be chance, with a sensor of coarse steps."""

@@ -5,9 +5,9 @@ from collections import deque
 from dataclasses import replace
 from typing import Literal, Self
 
-from vehicles.readings import Reading
-from vehicles.readings.checks import fault_of
-from vehicles.sources.camera_source import SourceCounts, SourceStalledError
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.sources.camera_source import SourceCounts, SourceStalledError
 
 OLDEST_S = 1.0
 """A reading that was sampled longer before its arrival has a stamp of another clock."""

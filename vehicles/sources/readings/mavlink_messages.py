@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.mavlink.names import enum_name
-from vehicles.readings import (
+from wil_campaign.vehicles.mavlink.names import enum_name
+from wil_campaign.vehicles.readings import (
     GpsReading,
     ImuReading,
     LidarScanReading,
@@ -23,8 +23,8 @@ from vehicles.readings import (
     Ranges,
     Source,
 )
-from vehicles.sources.readings.live_readings import UnusableReadingError
-from worlds.frames import Pose, Vec3, rotate
+from wil_campaign.vehicles.sources.readings.live_readings import UnusableReadingError
+from wil_campaign.worlds.frames import Pose, Vec3, rotate
 
 MESSAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {

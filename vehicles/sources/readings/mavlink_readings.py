@@ -4,13 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from vehicles.clocks.timesync import VehicleClock
-from vehicles.driver.vehicle_state import EstimateSample, VehicleState
-from vehicles.mavlink.names import message_number
-from vehicles.readings import GpsReading, PoseReading, Reading, Source
-from vehicles.sources.arrival_clock import ArrivalClock
-from vehicles.sources.readings.live_readings import LiveReadings, UnusableReadingError
-from vehicles.sources.readings.mavlink_messages import (
+from wil_campaign.vehicles.clocks.timesync import VehicleClock
+from wil_campaign.vehicles.driver.vehicle_state import EstimateSample, VehicleState
+from wil_campaign.vehicles.mavlink.names import message_number
+from wil_campaign.vehicles.readings import GpsReading, PoseReading, Reading, Source
+from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock
+from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings, UnusableReadingError
+from wil_campaign.vehicles.sources.readings.mavlink_messages import (
     UNSTATED,
     Beams,
     StatedReach,
@@ -21,7 +21,7 @@ from vehicles.sources.readings.mavlink_messages import (
     rangefinder_reading,
     stamp_s,
 )
-from worlds.frames import AT_ORIGIN, Pose
+from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 
 Handler = Callable[[Any, float], None]
 _EARLIER_S = 1e-6

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vehicles.readings import (
+from wil_campaign.vehicles.readings import (
     SENSOR_TYPES,
     GpsReading,
     ImuReading,
@@ -24,9 +24,9 @@ from vehicles.readings import (
     Reading,
     Source,
 )
-from vehicles.readings.numbers import number_fields
-from vehicles.sources.messagepack import BadMessageError, Header
-from worlds.frames import Pose, Vec3, quat_normalize
+from wil_campaign.vehicles.readings.numbers import number_fields
+from wil_campaign.vehicles.sources.messagepack import BadMessageError, Header
+from wil_campaign.worlds.frames import Pose, Vec3, quat_normalize
 
 PROTOCOL = "wil/reading/1"
 MAX_READING_BYTES = 4 * 2**20

@@ -5,10 +5,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Literal, Protocol, Self, TypeVar
 
-from vehicles.cameras.rendered_cameras import sleep_until
-from vehicles.readings import Reading, Source
-from vehicles.readings.checks import fault_after, fault_of
-from vehicles.sources.camera_source import SourceCounts, SourceError
+from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
+from wil_campaign.vehicles.readings import Reading, Source
+from wil_campaign.vehicles.readings.checks import fault_after, fault_of
+from wil_campaign.vehicles.sources.camera_source import SourceCounts, SourceError
 
 T = TypeVar("T")
 

@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from vehicles.readings import GpsReading, ImuReading, PoseReading, Reading
-from worlds.frames import Pose, angle_between, norm, quat_conjugate, rotate, subtract
-from worlds.geodesy import LocalFrame
+from wil_campaign.vehicles.readings import GpsReading, ImuReading, PoseReading, Reading
+from wil_campaign.worlds.frames import Pose, angle_between, norm, quat_conjugate, rotate, subtract
+from wil_campaign.worlds.geodesy import LocalFrame
 
 _G_M_S2 = 9.80665
 _G_FACTOR = 2.0

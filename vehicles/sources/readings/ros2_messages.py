@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vehicles.readings import (
+from wil_campaign.vehicles.readings import (
     GpsReading,
     ImuReading,
     LidarPointsReading,
@@ -21,10 +21,10 @@ from vehicles.readings import (
     RangefinderReading,
     Reading,
 )
-from vehicles.readings.checks import fault_of
-from vehicles.sources.messagepack import BadMessageError
-from vehicles.sources.readings.reading_message import Sampled
-from worlds.frames import (
+from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.sources.messagepack import BadMessageError
+from wil_campaign.vehicles.sources.readings.reading_message import Sampled
+from wil_campaign.worlds.frames import (
     Pose,
     Quat,
     Vec3,
@@ -34,7 +34,7 @@ from worlds.frames import (
     quat_normalize,
     rotate,
 )
-from worlds.geodesy import LocalFrame
+from wil_campaign.worlds.geodesy import LocalFrame
 
 _HALF = math.sqrt(0.5)
 _NED_OF_ENU: Quat = (0.0, _HALF, _HALF, 0.0)

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicles.readings import BgrImage, DepthImage, IdImage
-from vehicles.sources.messagepack import BadMessageError
+from wil_campaign.vehicles.readings import BgrImage, DepthImage, IdImage
+from wil_campaign.vehicles.sources.messagepack import BadMessageError
 
 Buffer = bytes | memoryview
 Size = tuple[int, int]

@@ -8,11 +8,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from vehicles.sources.messagepack import BadMessageError, Header
-from worlds.frames import Pose, Quat, Vec3, angle_between
-from worlds.scene.colors import Rgb
-from worlds.scene.meshes import Material
-from worlds.scene.scene import Scene
+from wil_campaign.vehicles.sources.messagepack import BadMessageError, Header
+from wil_campaign.worlds.frames import Pose, Quat, Vec3, angle_between
+from wil_campaign.worlds.scene.colors import Rgb
+from wil_campaign.worlds.scene.meshes import Material
+from wil_campaign.worlds.scene.scene import Scene
 
 TOLERANCE_M, TOLERANCE = 0.01, 0.01
 """Allowed difference of an engine's shapes: in metres, or as a fraction of a size."""

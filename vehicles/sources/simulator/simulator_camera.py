@@ -9,12 +9,12 @@ from typing import Self, TypeVar
 
 import zmq
 
-from vehicles.cameras.rendered_cameras import NoImageError
-from vehicles.sources.camera_source import SourceError
-from vehicles.sources.messagepack import BadMessageError
-from vehicles.sources.simulator.image_parts import Buffer
-from vehicles.sources.simulator.shown_world import AskedWorld, disagreements
-from vehicles.sources.simulator.simulator_protocol import (
+from wil_campaign.vehicles.cameras.rendered_cameras import NoImageError
+from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.vehicles.sources.messagepack import BadMessageError
+from wil_campaign.vehicles.sources.simulator.image_parts import Buffer
+from wil_campaign.vehicles.sources.simulator.shown_world import AskedWorld, disagreements
+from wil_campaign.vehicles.sources.simulator.simulator_protocol import (
     Ask,
     LateAnswerError,
     RefusedError,
@@ -25,8 +25,8 @@ from vehicles.sources.simulator.simulator_protocol import (
     image_of,
     welcome_of,
 )
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 T = TypeVar("T")
 

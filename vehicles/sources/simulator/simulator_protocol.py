@@ -7,17 +7,22 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from vehicles.readings import BgrImage, DepthImage, IdImage
-from vehicles.sources.messagepack import BadMessageError, Header, pack
-from vehicles.sources.simulator.image_parts import Buffer, decode_depth, decode_ids, decode_image
-from vehicles.sources.simulator.shown_world import (
+from wil_campaign.vehicles.readings import BgrImage, DepthImage, IdImage
+from wil_campaign.vehicles.sources.messagepack import BadMessageError, Header, pack
+from wil_campaign.vehicles.sources.simulator.image_parts import (
+    Buffer,
+    decode_depth,
+    decode_ids,
+    decode_image,
+)
+from wil_campaign.vehicles.sources.simulator.shown_world import (
     AskedWorld,
     ShownWorld,
     packed_objects,
     shown_world,
 )
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 PROTOCOL = "wil/pictures/1"
 """The number rises when an old reply would be misread; keys may be added at any time."""

@@ -2,8 +2,12 @@
 
 import json
 import struct
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree as ET
+
+from wil_campaign.worlds.files.lfs import LFS_POINTER, is_lfs_pointer
 
 _GLB_HEAD = struct.Struct("<4sII")
 _GLB_CHUNK = struct.Struct("<I4s")
@@ -18,16 +22,10 @@ def damage(path: Path) -> str:
     data = path.read_bytes()
     if not data:
         return "it is empty"
-    match path.suffix.lower():
-        case ".glb":
-            return _glb(data)
-        case ".gltf":
-            return _json(data, "it")
-        case ".dae":
-            return _xml(data)
-        case ".stl":
-            return _stl(data)
-    return ""
+    if is_lfs_pointer(data):
+        return LFS_POINTER
+    diagnose = _DIAGNOSES.get(path.suffix.lower())
+    return "" if diagnose is None else diagnose(data)
 
 
 def _glb(data: bytes) -> str:
@@ -56,8 +54,11 @@ def _json(data: bytes, what: str) -> str:
         return f"{what} is not JSON (line {error.lineno}, column {error.colno})"
     except (UnicodeDecodeError, RecursionError):
         return f"{what} is not JSON"
-    if not isinstance(document, dict) or "asset" not in document:
+    if not isinstance(document, dict) or not isinstance(document.get("asset"), dict):
         return f"{what} is JSON but not glTF"
+    version = str(document["asset"].get("version", "unknown"))
+    if not version.startswith("2."):
+        return f"it is of glTF version {version[:20]}; only version 2 is supported"
     return ""
 
 
@@ -82,3 +83,11 @@ def _stl(data: bytes) -> str:
     if there < count:
         return f"it is cut off: {there} of {count} facets are there"
     return ""
+
+
+_DIAGNOSES: Mapping[str, Callable[[bytes], str]] = {
+    ".glb": _glb,
+    ".gltf": partial(_json, what="it"),
+    ".dae": _xml,
+    ".stl": _stl,
+}

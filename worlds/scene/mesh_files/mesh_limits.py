@@ -1,33 +1,29 @@
 """Checks the sizes that a mesh file states, before anything is allocated, and what it needs.
 
 A file of a few bytes may state a million instances of a mesh, a thousand million vertices, or
-entities that expand without end. Sizes, counts and depths are in worlds.files.limits.
+entities that expand without end. Sizes, counts and depths are in wil_campaign.worlds.files.limits.
 """
 
 import base64
 import contextlib
-import json
 import re
-import struct
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from worlds.files.images import ImageError, check_pixels, image_size
-from worlds.files.limits import (
+from wil_campaign.worlds.files.images import ImageError, check_pixels, image_size
+from wil_campaign.worlds.files.limits import (
     MAX_MESH_BYTES,
     MAX_MESH_DEPTH,
     MAX_MESH_FACES,
     MAX_MESH_NODES,
     MAX_MESH_VALUES,
 )
-from worlds.files.paths import is_file
-from worlds.scene.mesh_files.mesh_polygons import check_collada_polygons
-from worlds.scene.mesh_files.mesh_support import check_gltf_support
+from wil_campaign.worlds.files.paths import is_file
+from wil_campaign.worlds.scene.mesh_files.mesh_support import check_gltf_support
 
-_GLB_HEAD_BYTES = 12
 _STRIP_MODES = frozenset({5, 6})
 """TRIANGLE_STRIP and TRIANGLE_FAN: a face for each index, glTF 2.0, 3.7.2.1."""
 _PLY_ELEMENT = re.compile(rb"^element\s+\S+\s+(\d{1,18})\s*$", re.MULTILINE)
@@ -50,30 +46,17 @@ class MeshLimitError(Exception):
     """A mesh file beyond a limit; says which."""
 
 
-def check_mesh_file(path: Path) -> None:
-    """Raise MeshLimitError for a file that is too large, or would become so.
-
-    Raises UnsupportedMeshError for a glTF or Collada file that would be misread. A damaged file
-    passes: its reader reports the damage.
-    """
+def check_size(path: Path) -> None:
+    """Raise MeshLimitError for a mesh file that is too large to be opened."""
     if path.stat().st_size > MAX_MESH_BYTES:
         raise MeshLimitError(f"it is larger than {MAX_MESH_BYTES} bytes")
-    check = _CHECKS.get(path.suffix.lower())
-    if check is not None:
-        check(path)
 
 
-def _check_gltf(path: Path) -> None:
-    data = path.read_bytes()
-    if data[:4] == b"glTF":
-        (length,) = struct.unpack_from("<I", data.ljust(20, b"\0"), _GLB_HEAD_BYTES)
-        data = data[_GLB_HEAD_BYTES + 8 : _GLB_HEAD_BYTES + 8 + length]
-    try:
-        document = json.loads(data)
-    except (ValueError, RecursionError):
-        return  # It is damaged, and trimesh refuses it.
-    if not isinstance(document, dict):
-        return
+def check_gltf(path: Path, document: Mapping[str, Any]) -> None:
+    """Raise MeshLimitError for a glTF file that is too large, or would become so.
+
+    Raises UnsupportedMeshError for extensions by which it would be misread.
+    """
     checks: tuple[Callable[[Mapping[str, Any]], None], ...] = (
         partial(_check_buffers, path),
         _check_counts,
@@ -81,7 +64,7 @@ def _check_gltf(path: Path) -> None:
         check_gltf_support,
     )
     for check in checks:
-        # What a check cannot read is damaged, and trimesh refuses it.
+        # What a check cannot read is damaged, and the reader refuses it.
         with contextlib.suppress(*_DAMAGE):
             check(document)
 
@@ -168,16 +151,19 @@ def _check_graph(graph: Graph, roots: Iterable[str]) -> None:
         waiting += [(one, depth + 1) for one in beneath]
 
 
-def _check_collada(path: Path) -> None:
+def open_collada(path: Path) -> ET.Element:
+    """Return the root of a Collada file.
+
+    Raises MeshLimitError for one that is too large, or would become so; others for damage.
+    """
     data = path.read_bytes()
     if b"\0" in data[:64] or b"<!" in data.replace(b"<!--", b"").replace(b"<![CDATA[", b""):
         raise MeshLimitError("it has a document type, or is not UTF-8: entities are not expanded")
-    try:
-        root = ET.fromstring(data)  # noqa: S314 - without a document type nothing is expanded
-        _check_graph(_collada_graph(root), ["scenes"])
-    except (ET.ParseError, ValueError, RecursionError):
-        return  # It is damaged, and trimesh refuses it.
-    check_collada_polygons(root)
+    root = ET.fromstring(data)  # noqa: S314 - without a document type nothing is expanded
+    if not root.tag.endswith("COLLADA"):
+        raise ValueError("not Collada")
+    _check_graph(_collada_graph(root), ["scenes"])
+    return root
 
 
 def _collada_graph(root: ET.Element) -> Graph:
@@ -208,17 +194,10 @@ def _ref(instance: ET.Element) -> str:
     return instance.get("url", "").removeprefix("#")
 
 
-def _check_ply(path: Path) -> None:
+def check_ply(path: Path) -> None:
+    """Raise MeshLimitError for a .ply file that states too much."""
     with path.open("rb") as stream:
         head = stream.read(_PLY_HEAD_BYTES).partition(b"end_header")[0]
     values = sum(int(count) for count in _PLY_ELEMENT.findall(head))
     if values > MAX_MESH_VALUES:
         raise MeshLimitError(f"it has {values} elements; at most {MAX_MESH_VALUES} are read")
-
-
-_CHECKS: Mapping[str, Callable[[Path], None]] = {
-    ".glb": _check_gltf,
-    ".gltf": _check_gltf,
-    ".dae": _check_collada,
-    ".ply": _check_ply,
-}

@@ -5,16 +5,15 @@ first corner. It is the polygon itself where every triangle of the fan turns as 
 else it lies also where the file has nothing, as across the opening of a U.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
-from xml.etree import ElementTree as ET
 
 import numpy as np
 from numpy.typing import NDArray
 
-from worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
-from worlds.scene.meshes import FloatArray
+from wil_campaign.worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
+from wil_campaign.worlds.scene.meshes import FloatArray
 
 _DEPTH_SHARE = 1e-3
 """Of the size of a polygon: a hollow that is not deeper is a rounding, and is filled."""
@@ -65,6 +64,18 @@ def check_polygons(polygons: Polygons) -> None:
             f"a face with {large.sizes[found[0]]} corners is concave, and would be filled beyond "
             "its outline; export the mesh with triangulated faces"
         )
+
+
+def fans(sizes: Integers) -> Integers:
+    """Return the triangles (m, 3) of polygons, fans about their first corners, of all corners.
+
+    sizes: of each polygon, at least 3 corners.
+    """
+    count = sizes - 2
+    first_corner = np.cumsum(sizes) - sizes
+    apex = np.repeat(first_corner, count)
+    step = np.arange(len(apex)) - np.repeat(np.cumsum(count) - count, count) + 1
+    return np.stack([apex, apex + step, apex + step + 1], axis=1)
 
 
 def _is_overlapped(polygons: Polygons) -> NDArray[np.bool_]:
@@ -124,57 +135,3 @@ def _listed(points: FloatArray, lists: NDArray[Any]) -> Polygons:
         return Polygons(points, lists.reshape(-1).astype(np.int64), sizes)
     sizes = np.array([len(each) for each in lists], np.int64)
     return Polygons(points, np.concatenate([*lists]).astype(np.int64), sizes)
-
-
-def check_collada_polygons(root: ET.Element) -> None:
-    """Raise UnsupportedMeshError for Collada polygons that are concave or cannot be read.
-
-    Collada 1.4.1, chapter 5: "polylist", "polygons".
-    """
-    for mesh in root.iterfind(".//{*}geometry/{*}mesh"):
-        try:
-            for polygons in _collada_polygons(mesh):
-                check_polygons(polygons)
-        except (ValueError, IndexError, KeyError, TypeError, AttributeError) as error:
-            raise UnsupportedMeshError(
-                "its polygons cannot be read; export the mesh with triangulated faces"
-            ) from error
-
-
-def _collada_polygons(mesh: ET.Element) -> Iterator[Polygons]:
-    for part in (*mesh.iterfind("{*}polylist"), *mesh.iterfind("{*}polygons")):
-        if part.find("{*}ph") is not None:
-            raise UnsupportedMeshError(
-                "it has polygons with holes, which are not supported; export the mesh with "
-                "triangulated faces"
-            )
-        inputs = [*part.iterfind("{*}input")]
-        stride = 1 + max(int(one.get("offset", "0")) for one in inputs)
-        offset = next((one.get("offset") for one in inputs if one.get("semantic") == "VERTEX"), "")
-        lists = [_integers(one) for one in part.iterfind("{*}p")]
-        if not lists:
-            continue
-        counts = part.find("{*}vcount")
-        sizes = (
-            np.array([len(one) // stride for one in lists], np.int64)
-            if counts is None
-            else _integers(counts)
-        )
-        rows = np.concatenate(lists).reshape(-1, stride)
-        yield Polygons(_collada_points(mesh), rows[:, int(offset or "0")], sizes)
-
-
-def _collada_points(mesh: ET.Element) -> FloatArray:
-    """Return the positions (n, 3) of a Collada mesh's vertices."""
-    inputs = mesh.iterfind("{*}vertices/{*}input")
-    names = {one.get("semantic"): one.get("source", "") for one in inputs}
-    sources = {one.get("id"): one for one in mesh.iterfind("{*}source")}
-    source = sources[names["POSITION"].removeprefix("#")]
-    values = numbers(source.findtext("{*}float_array") or "", np.float64)
-    accessor = source.find("{*}technique_common/{*}accessor")
-    stride = 3 if accessor is None else int(accessor.get("stride", "3"))
-    return values.reshape(-1, stride)[:, :3]
-
-
-def _integers(element: ET.Element) -> Integers:
-    return numbers(element.text or "", np.int64)

@@ -131,6 +131,13 @@
     link("next", runs[index + 1]);
   });
 
+  // An image that is shown again, or is a video's poster, stands in the page only once.
+  for (const again of document.querySelectorAll("[data-again]")) {
+    const first = again.closest("article").querySelector(".saw .main img");
+    if (again.tagName === "VIDEO") again.poster = first.src;
+    else again.src = first.src;
+  }
+
   for (const video of document.querySelectorAll("video")) {
     video.addEventListener("error", () => {
       video.hidden = true;
@@ -200,6 +207,19 @@
       const list = row.closest(".events");
       const top = row.getBoundingClientRect().top - list.getBoundingClientRect().top;
       list.scrollTop += top - list.clientHeight / 2;
+    }
+  }
+
+  // On a phone a row is a list of its cells, each with the head of its column.
+  for (const table of document.querySelectorAll(".scroll table")) {
+    if (!table.tHead) continue;
+    table.classList.add("labelled");
+    const heads = [...table.tHead.rows[0].cells].map((one) => one.textContent.trim());
+    for (const row of table.tBodies[0].rows) {
+      [...row.cells].forEach((cell, column) => {
+        cell.dataset.label = heads[column] || "";
+        cell.classList.toggle("nothing", ["", "–"].includes(cell.textContent.trim()));
+      });
     }
   }
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.campaign.folder.campaign_folder import TakenError, held, held_run
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import TakenError, held, held_run
 
 Held = Callable[[Path], AbstractContextManager[None]]
 

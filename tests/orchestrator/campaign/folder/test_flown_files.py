@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.campaign.folder.campaign_folder import OutputError
-from orchestrator.campaign.folder.flown_files import FlownFiles
-from orchestrator.campaign.folder.manifest import file_digest, maybe_written_files
 from tests.orchestrator.hover import write_hover
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
+from wil_campaign.orchestrator.campaign.folder.flown_files import FlownFiles
+from wil_campaign.orchestrator.campaign.folder.manifest import file_digest, maybe_written_files
 
 
 def replace_content(path: Path) -> None:
@@ -60,6 +60,24 @@ def test_another_content_is_a_change_unless_no_run_reads_it(
     else:
         files.require_unchanged()
         files.require_unchanged()
+
+
+def test_code_that_only_a_run_knows_is_watched_from_then_on(tmp_path: Path) -> None:
+    (tmp_path / "late.py").write_text("x = 1")
+    code = {"late.py": file_digest(tmp_path / "late.py")}
+    files = FlownFiles.of(tmp_path / "campaign.yaml", {}, read=[], skipped=[])
+    files.require_same_code("a/sim/1", code)
+    files.require_same_code("a/sim/2", code)
+    files.require_code_on_disk("a/sim/1", code)
+    (tmp_path / "late.py").write_text("x = 2")
+    changed = {"late.py": file_digest(tmp_path / "late.py")}
+    with pytest.raises(OutputError, match=r"late\.py changed while the campaign flew: a/sim/3"):
+        files.require_same_code("a/sim/3", changed)
+    with pytest.raises(OutputError, match=r"late\.py changed since a/sim/1 flew with it"):
+        files.require_code_on_disk("a/sim/1", code)
+    (tmp_path / "late.py").unlink()
+    with pytest.raises(OutputError, match=r"late\.py is missing since a/sim/1 flew with it"):
+        files.require_code_on_disk("a/sim/1", code)
 
 
 def test_a_symlink_that_points_elsewhere_is_a_change(tmp_path: Path) -> None:

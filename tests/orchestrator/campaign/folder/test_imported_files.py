@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.campaign.folder.imported_files import imported_by
+from wil_campaign.orchestrator.campaign.folder.imported_files import imported_by
 
 
 def test_imports_are_followed_and_nothing_is_run(
@@ -16,7 +16,7 @@ def test_imports_are_followed_and_nothing_is_run(
     package.mkdir()
     (package / "__init__.py").write_text("raise RuntimeError\n")
     (package / "gains.py").write_text("import numpy as np\nfrom lab_of_ours import deeper\n")
-    (package / "deeper.py").write_text("import json, vehicles.autonomy\n")
+    (package / "deeper.py").write_text("import json, wil_campaign.vehicles.autonomy\n")
     autonomy = tmp_path / "autonomy.py"
     autonomy.write_text("def later():\n    from lab_of_ours.gains import K\n    import nowhere\n")
     found = imported_by({autonomy})

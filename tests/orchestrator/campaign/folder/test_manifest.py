@@ -5,11 +5,15 @@ from typing import Any
 
 import pytest
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.analysis.reading.flown_requirements import flown_requirements
-from orchestrator.campaign.folder.manifest import judging_manifest, manifest, world_digest
-from orchestrator.campaign.folder.manifest_changes import changes_since_flight
 from tests.orchestrator.conftest import ROOT
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.campaign.folder.manifest import (
+    judging_manifest,
+    manifest,
+    world_digest,
+)
+from wil_campaign.orchestrator.campaign.folder.manifest_changes import changes_since_flight
+from wil_campaign.orchestrator.reading.flown_requirements import flown_requirements
 
 RATE = "recipe.sensors.camera.rate_hz=5"
 

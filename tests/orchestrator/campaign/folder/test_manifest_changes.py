@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from orchestrator.campaign.folder.manifest_changes import changes_since_flight
+from wil_campaign.orchestrator.campaign.folder.manifest_changes import changes_since_flight
 
 
 def manifest(**changes: Any) -> dict[str, Any]:

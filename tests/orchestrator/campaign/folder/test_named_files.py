@@ -1,15 +1,16 @@
 """What a campaign names and what that names in its turn: it may not change between its runs."""
 
+import json
 from pathlib import Path
 
 import pytest
 import trimesh
 
-from campaigns.expansion.expansion import load_campaign
-from orchestrator.campaign.folder.manifest import manifest, world_digest
-from orchestrator.campaign.folder.named_files import named_files
 from tests.orchestrator.hover import WORLD, write_hover
-from worlds.files.documents import Data
+from wil_campaign.campaigns.expansion.expansion import load_campaign
+from wil_campaign.orchestrator.campaign.folder.manifest import manifest, world_digest
+from wil_campaign.orchestrator.campaign.folder.named_files import named_files
+from wil_campaign.worlds.files.documents import Data
 
 
 def write_crate(folder: Path, height_m: float) -> None:
@@ -38,6 +39,38 @@ def test_a_mesh_whose_buffers_changed_is_another_world(tmp_path: Path) -> None:
     assert changed
     assert all(name.endswith(".bin") for name in changed)
     assert world_digest(campaign.runs[0].files) != world
+
+
+def test_files_that_meshes_name_are_those_that_are_read(tmp_path: Path) -> None:
+    """Also of a parent folder, percent-encoded, by backslashes and with options, and no others."""
+    meshes = tmp_path / "a" / "b" / "c" / "meshes"
+    meshes.mkdir(parents=True)
+    images = ("a.png", "b 1.png", "c.webp", "d.png", "e.tga", "f.png", "g.png")
+    for name in ("../textures/" + image for image in images):
+        (meshes / name).parent.mkdir(exist_ok=True)
+        (meshes / name).write_bytes(b"image")
+    for far in (tmp_path / "secret.png", meshes / "beside.png"):
+        far.write_bytes(b"image")
+    (meshes / "a.obj").write_text("mtllib a.mtl\nmtllib b.mtl\nv 0 0 0\n")
+    (meshes / "a.mtl").write_text("newmtl a\nmap_Kd -s 2 2 2 ../textures/a.png\nmap_d none.png\n")
+    (meshes / "b.mtl").write_text(
+        "newmtl b\nmap_Kd ..\\textures\\b 1.png\nnewmtl c\nmap_Kd ../../../../secret.png\n"
+        f"newmtl d\nmap_Kd {tmp_path}/secret.png\n"
+    )
+    uris = ("../textures/%63.webp", "data:image/png;base64,", "../textures/d.png")
+    (meshes / "a.gltf").write_text(
+        json.dumps({"asset": {}, "images": [{"uri": one} for one in uris], "buffers": [{}]})
+    )
+    (meshes / "a.dae").write_text(
+        "<COLLADA><library_images><image><init_from>../textures/e.tga</init_from></image><image>"
+        "<init_from><ref>..\\textures\\f.png</ref></init_from></image></library_images></COLLADA>"
+    )
+    (meshes / "a.ply").write_text("ply\ncomment TextureFile ../textures/g.png\nend_header\n")
+    (meshes / "b.dae").write_text("<COLLADA> beside.png")
+    written = [f"a/b/c/meshes/{name}" for name in ("a.obj", "a.gltf", "a.dae", "a.ply", "b.dae")]
+    found = named_files([*written], tmp_path / "world.yaml")
+    names = {one.name for one in found}
+    assert names == {*images, "a.obj", "a.mtl", "b.mtl", "a.gltf", "a.dae", "a.ply", "b.dae"}
 
 
 @pytest.mark.parametrize(

@@ -7,16 +7,16 @@ from typing import Any
 
 import pytest
 
-from campaigns.expansion.expansion import Campaign, load_campaign
-from campaigns.statistics.sequential_test import SequentialTest
-from campaigns.values.acceptance import Requirement, Share, standings
-from orchestrator.campaign.folder.repetitions import runs_due
-from orchestrator.cli import main
-from orchestrator.model.exit_codes import accepted, exit_code
-from orchestrator.model.junit import junit_xml
-from orchestrator.model.results import RunResult
-from tests.orchestrator.analysis.flown_campaign import flights, summary_of
 from tests.orchestrator.hover import write_hover
+from tests.orchestrator.reading.flown_campaign import flights, summary_of
+from wil_campaign.campaigns.expansion.expansion import Campaign, load_campaign
+from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
+from wil_campaign.campaigns.values.acceptance import Requirement, Share, standings
+from wil_campaign.orchestrator.campaign.folder.repetitions import runs_due
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.model.exit_codes import accepted, exit_code
+from wil_campaign.orchestrator.model.junit import junit_xml
+from wil_campaign.orchestrator.model.results import RunResult
 
 Capture = pytest.CaptureFixture[str]
 TEST = SequentialTest(at_least=0.9, against=0.2, most=5)

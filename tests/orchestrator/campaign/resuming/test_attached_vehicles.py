@@ -5,11 +5,15 @@ from typing import Any
 
 import pytest
 
-from campaigns.expansion.expansion import Campaign, Options, load_campaign
-from orchestrator.campaign.resuming.attached_vehicles import attached_vehicles, flown_vehicles
-from orchestrator.cli.arming_consent import Cleared, clear
-from orchestrator.cli.clock_choice import clock_for
 from tests.orchestrator.hover import write_hover
+from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import (
+    attached_vehicles,
+    flown_vehicles,
+)
+from wil_campaign.orchestrator.cli.arming_consent import clear
+from wil_campaign.orchestrator.cli.clock_choice import clock_for
 
 GATE = Path(__file__).parents[4] / "campaigns" / "gate.yaml"
 COMPOSED = """\
@@ -37,7 +41,7 @@ def test_a_part_without_a_real_vehicle_is_flown_beside_one_with_it(hover: Path) 
     assert whole.modes == ("sim", "wil")
     assert [one.name for one in flown_vehicles(whole)] == ["twin", "real"]
     assert clock_for(whole, None) == "virtual"
-    cleared = clear(whole, clock=None, jobs=1, arm=True, arm_real=False)
+    cleared = clear(whole, FlightOptions(jobs=1))
     assert cleared == Cleared("virtual", 1, "embedded")
 
 
@@ -56,4 +60,4 @@ def test_a_real_vehicle_that_no_run_flies_needs_no_consent(hover: Path) -> None:
     other.write_text(text.replace(vehicles, f"{vehicles}, real: {ATTACHED}"))
     whole = composed(hover.parent, f"other: other.yaml, gate: {GATE}")
     assert attached_vehicles(whole) == ()
-    assert clear(whole, clock=None, jobs=1, arm=True, arm_real=False).real_kind == "embedded"
+    assert clear(whole, FlightOptions(jobs=1)).real_kind == "embedded"

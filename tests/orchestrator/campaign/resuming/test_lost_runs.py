@@ -2,29 +2,34 @@
 
 import json
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from campaigns.expansion.expansion import Campaign, Options, load_campaign
-from orchestrator.analysis.reading.results_folder import read_campaign
-from orchestrator.campaign.folder.campaign_folder import set_aside
-from orchestrator.campaign.resuming.lost_runs import real_runs
-from orchestrator.campaign.resuming.resumed_campaign import (
+from tests.orchestrator.campaign.resuming.test_resumption import result_of
+from tests.orchestrator.hover import write_hover
+from tests.plugins.cluster.bench.test_bench_engine import write_bench, write_campaign
+from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import set_aside
+from wil_campaign.orchestrator.campaign.resuming.lost_runs import real_runs
+from wil_campaign.orchestrator.campaign.resuming.resumed_campaign import (
     ResumedCampaign,
     ResumeRules,
     resume_campaign,
 )
-from orchestrator.campaign.resuming.resumption import ResumeError
-from orchestrator.campaign.resuming.run_ledger import RunLedger, newest_session, open_orders
-from orchestrator.cli import main
-from orchestrator.model.document_writer import to_json
-from orchestrator.model.results_reader import read_result
-from safety.model.oracle_results import Verdict
-from tests.orchestrator.campaign.resuming.test_resumption import result_of
-from tests.orchestrator.engines.bench.test_bench_engine import write_bench, write_campaign
-from tests.orchestrator.hover import write_hover
+from wil_campaign.orchestrator.campaign.resuming.resumption import ResumeError
+from wil_campaign.orchestrator.campaign.resuming.run_ledger import (
+    RunLedger,
+    newest_session,
+    open_orders,
+)
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.model.document_writer import to_json
+from wil_campaign.orchestrator.model.results_reader import read_result
+from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.safety.model.oracle_results import Verdict
 
 FIRST, SECOND = "default/sim/1", "default/sim/2"
 
@@ -87,6 +92,32 @@ def test_a_run_that_a_killed_resumption_had_set_aside_is_lost(
 def test_a_simulated_run_is_flown_again(campaign: Campaign, tmp_path: Path) -> None:
     assert set(resume(tmp_path, campaign, real=False).attempts) == {FIRST, SECOND}
     assert not (tmp_path / FIRST).exists()
+
+
+@pytest.mark.parametrize("real", [True, False])
+def test_a_cut_off_run_whose_subject_had_failed_is_not_flown_again(
+    campaign: Campaign, tmp_path: Path, real: bool
+) -> None:
+    """Else a campaign that is killed at each touch, and resumed, would pass."""
+    touched = {"t_s": 9.0, "event": "decisive", "kind": "FAIL", "reason": "twin touched wall"}
+    (tmp_path / FIRST / "log.jsonl").write_text(json.dumps(touched) + "\n")
+    with pytest.raises(ResumeError, match="the subject failed, too: twin touched wall"):
+        resume(tmp_path, campaign, real=real, again=[FIRST])
+    found = resume(tmp_path, campaign, real=real)
+    assert dict(found.attempts) == {SECOND: ()}
+    failed = found.results[FIRST]
+    assert (failed.verdict, failed.reason) == ("FAIL", "twin touched wall")
+    assert "its program was killed, and it has no result" in failed.also[0].reason
+
+
+def test_an_aborted_run_whose_subject_failed_is_not_flown_again(
+    campaign: Campaign, tmp_path: Path
+) -> None:
+    aborted = replace(result_of(campaign.runs[0], "ABORTED", "by anna"), no_retry="it touched")
+    (tmp_path / FIRST / "result.json").write_text(to_json(aborted))
+    assert resume(tmp_path, campaign, real=False).results[FIRST] == aborted
+    with pytest.raises(ResumeError, match="it touched; such a run is not flown again"):
+        resume(tmp_path, campaign, real=False, again=[FIRST])
 
 
 def test_a_damaged_result_of_a_real_run_is_kept_beside_the_error(

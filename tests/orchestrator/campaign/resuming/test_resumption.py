@@ -16,33 +16,37 @@ from typing import Any
 
 import pytest
 
-import orchestrator.cli
-from campaigns.expansion.expansion import Campaign, Options, RunPlan, load_campaign
-from orchestrator.campaign.campaign_runner import FlyingSettings, fly_campaign
-from orchestrator.campaign.folder.campaign_folder import (
+from tests.orchestrator.hover import write_hover
+from wil_campaign.campaigns.expansion.expansion import Campaign, Options, RunPlan, load_campaign
+from wil_campaign.orchestrator import installation
+from wil_campaign.orchestrator.campaign.campaign_runner import fly_campaign
+from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
     OutputError,
     held,
     held_run,
     newest_folder,
     set_aside,
 )
-from orchestrator.campaign.resuming import resumed_campaign
-from orchestrator.campaign.resuming.resumed_campaign import ResumeRules, resume_campaign
-from orchestrator.campaign.resuming.resumption import ResumeError, resumed_folder
-from orchestrator.campaign.workers import run_engine
-from orchestrator.campaign.workers.run_order import fly_order
-from orchestrator.cli import main
-from orchestrator.cli.progress_display import SilentDisplay
-from orchestrator.model.attempts import after_attempts
-from orchestrator.model.document_writer import to_json, write_whole
-from orchestrator.model.operator_command import Inbox
-from orchestrator.model.progress import Report
-from orchestrator.model.results import Also, Attempt, RunResult, SyncResult
-from orchestrator.state.run_setup import RunOrder
-from safety.model.oracle_results import Verdict
-from tests.orchestrator.hover import write_hover
+from wil_campaign.orchestrator.campaign.resuming import resumed_campaign
+from wil_campaign.orchestrator.campaign.resuming.resumed_campaign import (
+    ResumeRules,
+    resume_campaign,
+)
+from wil_campaign.orchestrator.campaign.resuming.resumption import ResumeError, resumed_folder
+from wil_campaign.orchestrator.campaign.workers import run_engine
+from wil_campaign.orchestrator.campaign.workers.run_order import fly_order
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
+from wil_campaign.orchestrator.model.attempts import after_attempts
+from wil_campaign.orchestrator.model.document_writer import to_json, write_whole
+from wil_campaign.orchestrator.model.operator_command import Inbox
+from wil_campaign.orchestrator.model.progress import Report
+from wil_campaign.orchestrator.model.results import Also, Attempt, RunResult, SyncResult
+from wil_campaign.orchestrator.state.run_setup import RunOrder
+from wil_campaign.safety.model.oracle_results import Verdict
 
-ROOT = Path(orchestrator.cli.__file__).parents[2]
+ROOT = Path(__file__).parents[4]
 pytestmark = pytest.mark.usefixtures("forked_workers")
 
 
@@ -418,6 +422,26 @@ def test_other_versions_and_spoilt_manifests_are_not_resumed(
 
 
 @pytest.mark.usefixtures("quick")
+def test_what_another_commit_flew_is_not_resumed(
+    campaign: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of one version, as between two releases. Changed code has a digest: "dirty" says not how."""
+    monkeypatch.setattr(installation, "program_version", lambda: "0.1.0")
+    monkeypatch.setattr(installation, "program_commit", lambda: "a" * 40)
+    assert run(campaign) == 0
+    flown = json.loads((folder_of(campaign) / "campaign.json").read_text())["versions"]
+    assert flown["wil-campaign"] == f"0.1.0 (commit {'a' * 40})"
+    assert run(campaign, "--resume") == 0
+    for commit in ("b" * 40, f"{'a' * 40}-dirty", installation.UNKNOWN_COMMIT):
+        monkeypatch.setattr(installation, "program_commit", lambda found=commit: found)
+        capsys.readouterr()
+        assert run(campaign, "--resume") == 2
+        reason = f"wil-campaign was 0.1.0 (commit {'a' * 40}), now it is 0.1.0 ("
+        assert reason in (text := capsys.readouterr().err)
+        assert commit in text
+
+
+@pytest.mark.usefixtures("quick")
 def test_two_do_not_fly_into_one_folder(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(campaign) == 0
     with held(folder_of(campaign)):
@@ -440,10 +464,14 @@ def test_a_retry_is_recorded_and_no_clean_pass(
     assert flown["reason"] == f"passed at attempt 2; before: {verdict} (bad luck)"
     assert summary["totals"]["retried"] == 1
     assert json.loads((folder / place / "result.json").read_text())["verdict"] == verdict
-    assert 'name="1 (attempt 2)"' in (folder / "junit.xml").read_text()
+    junit = (folder / "junit.xml").read_text()
+    assert 'name="1 (attempt 2)"' in junit
+    said = f"default sim #1: PASS at attempt 2, after {verdict} (bad luck)"
+    assert f'<property name="retried" value="{said}" />' in junit
     out = capsys.readouterr().out
     assert f"default/sim/1: {verdict}, bad luck; flown again" in out
-    assert "PASS*" in out
+    assert "PASS*, 2 attempts" in out
+    assert f"1 not at the first attempt ({said})" in " ".join(out.split())
     assert "accepted of what was flown; 1 not at the first attempt" in out
 
 
@@ -453,11 +481,10 @@ def test_hardware_is_never_flown_again_by_itself(
     campaign: Path, hardware: str, retried: int
 ) -> None:
     campaign.write_text(campaign.read_text() + "retries: 2\ndescription: ERROR\n")
-    settings = FlyingSettings(
-        out=campaign.parent / "out", clock="virtual", jobs=1, hardware=hardware
-    )
+    options = FlightOptions(out=campaign.parent / "out")
+    cleared = Cleared("virtual", 1, hardware=hardware)
     loaded = load_campaign(campaign, Options(repetitions=1))
-    outcome = fly_campaign(loaded, settings, SilentDisplay())
+    outcome = fly_campaign(loaded, options, cleared, SilentDisplay())
     assert len(list(outcome.folder.rglob("result.json"))) == 1 + retried
     assert [len(one.attempts) for one in outcome.summary.runs] == [retried]
     assert outcome.exit_code == (0 if retried else 3)
@@ -525,8 +552,9 @@ class Killing(SilentDisplay):
 
 def fly_until_killed(path: Path) -> None:
     campaign = load_campaign(path, Options(repetitions=4))
-    settings = FlyingSettings(out=path.parent / "out", clock="virtual", jobs=1)
-    fly_campaign(campaign, settings, Killing())
+    options = FlightOptions(out=path.parent / "out")
+    cleared = Cleared("virtual", 1)
+    fly_campaign(campaign, options, cleared, Killing())
 
 
 def resumed(campaign: Path) -> dict[str, Any]:
@@ -563,7 +591,7 @@ def slowed(campaign: Path, tick: str) -> Iterator[None]:
 
 def killed(campaign: Path, *options: str, when: Callable[[], object], all_at_once: bool) -> None:
     """Start the program, and kill it, or all of its processes."""
-    command = [sys.executable, "-m", "orchestrator.cli", "run", str(campaign), "--jobs", "1"]
+    command = [sys.executable, "-m", "wil_campaign", "run", str(campaign), "--jobs", "1"]
     with subprocess.Popen(  # noqa: S603 - our own interpreter
         [*command, "--out", str(campaign.parent / "out"), "--repetitions", "4", *options],
         cwd=ROOT,

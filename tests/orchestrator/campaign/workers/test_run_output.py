@@ -9,8 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.campaign.workers import run_output
-from orchestrator.campaign.workers.run_output import OUTPUT_FILE, kept_output, output_tail
+from wil_campaign.orchestrator.campaign.workers import run_output
+from wil_campaign.orchestrator.campaign.workers.run_output import (
+    OUTPUT_FILE,
+    kept_output,
+    output_tail,
+)
 
 
 def test_what_is_printed_goes_to_the_runs_file(

@@ -8,14 +8,14 @@ from pathlib import Path
 
 _PROGRAM = """
 import sys, time
-from orchestrator.campaign.workers.run_server import start_run_server
+from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
 start_run_server()
 print("started", flush=True)
 time.sleep(600)
 """
 _RUN = """
 import os
-from orchestrator.campaign.workers.run_server import (
+from wil_campaign.orchestrator.campaign.workers.run_server import (
     run_context, run_environment, start_run_server
 )
 if __name__ == "__main__":
@@ -29,19 +29,25 @@ _ROOT = Path(__file__).parents[4]
 _WITHIN_S = 120.0
 
 
-def test_a_program_that_is_killed_leaves_no_socket_of_its_run_server(tmp_path: Path) -> None:
-    environment = {**os.environ, "TMPDIR": str(tmp_path), "PYTHONPATH": str(_ROOT)}
+def test_a_program_that_is_killed_leaves_no_socket_of_its_run_server(
+    tmp_path: Path, short_folder: Path
+) -> None:
+    """Nor does it need a short TMPDIR: the paths of sockets have 107 bytes."""
+    environment = {**os.environ, "PYTHONPATH": str(_ROOT), "XDG_RUNTIME_DIR": str(short_folder)}
+    environment["TMPDIR"] = str(tmp_path / ("x" * 100))
+    Path(environment["TMPDIR"]).mkdir()
+    runtime = short_folder / "wil-campaign"
     with subprocess.Popen(  # noqa: S603 - our own program
         [sys.executable, "-c", _PROGRAM], env=environment, cwd=_ROOT, stdout=subprocess.PIPE
     ) as program:
         assert program.stdout is not None
         assert program.stdout.readline() == b"started\n"
-        assert [path.is_socket() for path in tmp_path.glob("pymp-*/*")] == [True]
+        assert [path.is_socket() for path in runtime.glob("pymp-*/*")] == [True]
         program.kill()
     end_s = time.monotonic() + _WITHIN_S  # it imports what runs need before it sees its end
-    while any(tmp_path.glob("pymp-*")) and time.monotonic() < end_s:
+    while any(runtime.glob("pymp-*")) and time.monotonic() < end_s:
         time.sleep(0.05)
-    assert list(tmp_path.glob("pymp-*")) == []
+    assert [*runtime.iterdir(), *Path(environment["TMPDIR"]).iterdir()] == []
 
 
 def test_a_file_of_the_user_is_not_imported_in_place_of_a_module(tmp_path: Path) -> None:

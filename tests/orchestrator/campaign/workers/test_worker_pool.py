@@ -7,31 +7,46 @@ import multiprocessing
 import os
 import resource
 import signal
+import stat
 import subprocess
 import sys
+import threading
 import time
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
-from orchestrator.campaign.workers.limited_loading import LoadingTimeoutError, limited_loading
-from orchestrator.campaign.workers.local_workers import (
+from tests.vehicles.processes.busy_core import one_busy_core
+from wil_campaign.orchestrator.campaign.workers.limited_loading import (
+    LoadingTimeoutError,
+    limited_loading,
+)
+from wil_campaign.orchestrator.campaign.workers.local_workers import (
     LocalWorker,
     LocalWorkers,
     PipeInbox,
     await_message,
 )
-from orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
-from orchestrator.campaign.workers.worker_pool import Pool
-from orchestrator.model.flight_place import FlightPlace
-from orchestrator.model.operator_command import Inbox
-from orchestrator.model.progress import Happening, News, Progress, Report
-from safety.guard.core.operator_command import OperatorCommand
-from tests.vehicles.processes.busy_core import one_busy_core
+from wil_campaign.orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
+from wil_campaign.orchestrator.campaign.workers.worker_pool import Pool
+from wil_campaign.orchestrator.model.call_marker import CallMark
+from wil_campaign.orchestrator.model.flight_place import FlightPlace
+from wil_campaign.orchestrator.model.operator_command import Inbox
+from wil_campaign.orchestrator.model.progress import Happening, News, Progress, Report
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.vehicles.processes.vehicle_server_process import vehicle_server
 
 Outcomes = dict[str, "str | WorkerLost"]
+
+
+def read_mark() -> CallMark:
+    """Return the parent's end of a mark that no worker has."""
+    mark = CallMark()
+    os.close(mark.descriptor)
+    return mark
 
 
 def fly(order: str, report: Report, inbox: Inbox) -> str:
@@ -272,7 +287,7 @@ async def test_a_process_that_no_kill_ends_is_not_waited_for() -> None:
         def kill(self) -> None: ...
 
     ours, _ = multiprocessing.Pipe()
-    worker = LocalWorker[str, str](StuckProcess(), ours, lambda _: None)
+    worker = LocalWorker[str, str](StuckProcess(), ours, lambda _: None, read_mark())
     words = "worker process 7 did not exit, nor when killed: it waits for a device, such as a disk"
     assert await worker.end() == words
     assert None not in waited
@@ -425,7 +440,7 @@ def fly_mute(order: str, report: Report, inbox: Inbox) -> str:
 def test_a_worker_that_hangs_before_its_first_word_ends_on_the_first_signal(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("orchestrator.campaign.workers.worker_pool._ABORTED_S", 0.5)
+    monkeypatch.setattr("wil_campaign.orchestrator.campaign.workers.worker_pool._ABORTED_S", 0.5)
     outcomes: Outcomes = {}
 
     async def main() -> None:
@@ -500,7 +515,7 @@ def test_an_alarm_while_loading_ends_leaves_nothing_armed(
     monkeypatch.setattr(faulthandler, "dump_traceback_later", dump_later)
     monkeypatch.setattr(faulthandler, "cancel_dump_traceback_later", cancel)
     monkeypatch.setattr(signal, "setitimer", set_and_alarm)
-    wait = "orchestrator.campaign.workers.limited_loading.processor_wait_s"
+    wait = "wil_campaign.orchestrator.campaign.workers.limited_loading.processor_wait_s"
     monkeypatch.setattr(wait, lambda _pid: 0.0)
     with limited_loading(30.0):
         monkeypatch.setattr(wait, lambda _pid: waited_s)
@@ -540,11 +555,36 @@ def test_each_run_begins_anew_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch
         assert not Path(f"/proc/{child}").exists()
 
 
+def fly_with_thread(order: str, report: Report, inbox: Inbox) -> str:
+    """Stand in for an autonomy that leaves a thread, as a ROS executor does."""
+    del report, inbox
+    threading.Thread(target=time.sleep, args=(600.0,), name=f"spin of {order}").start()
+    return f"flown {order}"
+
+
+def test_a_thread_that_a_run_leaves_does_not_keep_its_process(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """It was killed after 20 s, and the campaign ended with an internal error."""
+    outcomes: Outcomes = {}
+    ended_badly: list[str] = []
+    pool = Pool[str, str](
+        jobs=1,
+        workers=LocalWorkers(fly_with_thread),
+        report=lambda _: None,
+        done=outcomes.__setitem__,
+        ended_badly=ended_badly.append,
+    )
+    asyncio.run(pool.fly(["one"]))
+    assert (outcomes, ended_badly) == ({"one": "flown one"}, [])
+    assert "left threads running, and ends without them: spin of one" in capfd.readouterr().err
+
+
 def fly_into_error(order: str, report: Report, inbox: Inbox) -> str:
     """Stand in for a run that fails while its guard still lands; order: where that program is."""
     del report, inbox
     folder = Path(order)
-    ours = [sys.executable, "-P", "-m", "safety.lands", str(folder / "grandchild")]
+    ours = [sys.executable, "-P", "-m", "wil_campaign.safety.lands", str(folder / "grandchild")]
     found = {**os.environ, "PYTHONPATH": order}
     guard = subprocess.Popen(ours, env=found)  # noqa: S603 - our own
     while not (folder / "grandchild").exists() and guard.poll() is None:
@@ -555,9 +595,9 @@ def fly_into_error(order: str, report: Report, inbox: Inbox) -> str:
 
 
 def test_a_guard_that_still_lands_outlives_a_run_that_failed(tmp_path: Path) -> None:
-    (tmp_path / "safety").mkdir()
-    (tmp_path / "safety" / "__init__.py").touch()
-    (tmp_path / "safety" / "lands.py").write_text(
+    safety = tmp_path / "wil_campaign" / "safety"
+    safety.mkdir(parents=True)
+    (safety / "lands.py").write_text(
         "import pathlib, subprocess, sys, time\n"
         "child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'])\n"
         "out = pathlib.Path(sys.argv[1])\n"
@@ -668,10 +708,34 @@ def test_an_abort_reaches_a_worker_by_any_descriptor_and_one_that_is_gone_is_no_
     ours, theirs = multiprocessing.Pipe()
     with ours, theirs, Connection(os.dup2(ours.fileno(), 2000)) as high:
         process: Any = multiprocessing.Process()
-        worker = LocalWorker[str, str](process, high, lambda _: None)
+        worker = LocalWorker[str, str](process, high, lambda _: None, read_mark())
         worker.send(OperatorCommand("abort", "anna"))
         assert theirs.poll(5.0)
         assert theirs.recv() == OperatorCommand("abort", "anna")
         high.close()
         worker.send(OperatorCommand("abort", "anna"))
     resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+
+
+def fly_with_server(order: str, report: Report, inbox: Inbox) -> str:
+    descriptor = vehicle_server()
+    return f"{order} {descriptor is not None and stat.S_ISSOCK(os.fstat(descriptor).st_mode)}"
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+async def test_runs_have_a_server_of_vehicles_which_ends_with_the_campaign(*, wanted: bool) -> None:
+    """It is started for runs that have such vehicles; one campaign has one."""
+    outcomes: Outcomes = {}
+    workers = LocalWorkers(fly_with_server, forks_vehicles=lambda _: wanted)
+    pool = Pool[str, str](jobs=1, workers=workers, report=lambda _: None, done=outcomes.__setitem__)
+    await pool.fly(["a", "b"])
+    servers = [
+        one
+        for one in psutil.Process().children()
+        if "wil_campaign.vehicles.vehicle_server" in one.cmdline()
+    ]
+    await workers.close()
+    assert outcomes == {"a": "a True", "b": "b True"}
+    assert len(servers) == wanted
+    _, left = await asyncio.to_thread(psutil.wait_procs, servers, timeout=60.0)
+    assert left == []

@@ -10,11 +10,10 @@ from pathlib import Path
 
 import pytest
 
-import orchestrator.cli
-from orchestrator.cli import main
-from orchestrator.cli.text_table import table
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.cli.text_table import table
 
-ROOT = Path(orchestrator.cli.__file__).parents[2]
+ROOT = Path(__file__).parents[4]
 
 
 @dataclass(frozen=True)
@@ -232,7 +231,7 @@ def test_list_campaigns_finds_those_of_the_folder_and_the_shipped(
     rows = {row["file"]: row for row in json.loads(cli("list", "campaigns", "--json").out)}
     assert rows["campaigns/mine.yaml"]["description"] == "of mine"
     assert "not YAML" in rows["campaigns/bad.yaml"]["description"]
-    assert str(ROOT / "campaigns" / "gate.yaml") in rows
+    assert str(ROOT / "wil_campaign" / "campaigns" / "gate.yaml") in rows
 
 
 @pytest.mark.parametrize(
@@ -261,6 +260,18 @@ def test_without_a_command_the_help_is_an_error(cli: Cli) -> None:
     assert "validate" in outcome.err
 
 
+def test_the_help_has_four_sections_and_each_command_in_one(cli: Cli) -> None:
+    text = cli("--help").out
+    titles = ["Start: a campaign", "Fly ", "Look at what was flown", "Operate what flies"]
+    places = [text.index(f"─ {title}") for title in titles]
+    assert places == sorted(places)
+    starts, flies, looks, _ = (text[a:b] for a, b in zip(places, [*places[1:], None], strict=True))
+    assert "│ init" in starts
+    assert "│ run " in flies
+    assert "│ report" in looks
+    assert text.count("│ abort") == 1
+
+
 def test_help_of_each_command_is_at_hand(cli: Cli) -> None:
     assert "validate" in cli("--help").out
     for command in ("validate", "plan", "list"):
@@ -275,7 +286,7 @@ def broken(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise RuntimeError("a bug of ours")
 
-    monkeypatch.setattr("orchestrator.cli.commands.plan.load_campaign", fail)
+    monkeypatch.setattr("wil_campaign.orchestrator.cli.commands.plan.load_campaign", fail)
 
 
 @pytest.mark.usefixtures("broken")
@@ -306,17 +317,18 @@ def test_an_interrupt_is_130(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("orchestrator.cli.commands.plan.load_campaign", interrupt)
+    monkeypatch.setattr("wil_campaign.orchestrator.cli.commands.plan.load_campaign", interrupt)
     assert cli("plan", "x.yaml").code == 130
 
 
 def test_help_imports_nothing_heavy_and_a_command_not_what_the_run_server_has() -> None:
     code = (
-        "import sys; from orchestrator.cli import main; code = main(['--help']);"
-        "heavy = {'numpy', 'pydantic', 'cv2', 'numba', 'jsbsim', 'yaml', 'campaigns', 'worlds'};"
+        "import sys; from wil_campaign.orchestrator.cli import main; code = main(['--help']);"
+        "heavy = {'numpy', 'pydantic', 'cv2', 'numba', 'jsbsim', 'yaml'};"
         "print(sorted(heavy & set(sys.modules)), code, file=sys.stderr);"
         "code = main(['run', '--help']);"
-        "heavy = {'numba', 'scipy', 'orchestrator.run.flight', 'orchestrator.run.perception'};"
+        "ours = 'wil_campaign.orchestrator.run.';"
+        "heavy = {'numba', 'scipy', ours + 'flight', ours + 'perception'};"
         "print(sorted(heavy & set(sys.modules)), code, file=sys.stderr)"
     )
     done = subprocess.run(  # noqa: S603 - our own interpreter
@@ -327,7 +339,7 @@ def test_help_imports_nothing_heavy_and_a_command_not_what_the_run_server_has() 
 
 def test_the_module_exits_as_main_returns() -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "orchestrator.cli", "validate", "none.yaml"],
+        [sys.executable, "-m", "wil_campaign", "validate", "none.yaml"],
         cwd=ROOT,
         capture_output=True,
         text=True,
@@ -338,7 +350,7 @@ def test_the_module_exits_as_main_returns() -> None:
 
 
 def test_a_reader_that_goes_away_is_no_traceback() -> None:
-    command = f"{sys.executable} -m orchestrator.cli list oracles --json | true"
+    command = f"{sys.executable} -m wil_campaign list oracles --json | true"
     done = subprocess.run(  # noqa: S602 - our own interpreter
         command, shell=True, cwd=ROOT, capture_output=True, text=True, check=False
     )

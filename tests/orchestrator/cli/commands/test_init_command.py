@@ -1,12 +1,18 @@
 """init: what it writes is a campaign, and it overwrites nothing."""
 
+import os
+import shlex
+import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 
-from campaigns.expansion.expansion import load_campaign
-from orchestrator.cli import main
+from wil_campaign.campaigns.expansion.expansion import load_campaign
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.cli.commands import init as init_command
+from wil_campaign.orchestrator.installation import program_text
 
 VEHICLE_WIDTH_M = 0.3
 Capture = pytest.CaptureFixture[str]
@@ -31,6 +37,56 @@ def test_what_is_written_is_a_campaign_with_a_control(
     assert commands[-1].startswith("wil-campaign run campaign.yaml")
     assert written >= {"campaign.yaml", "world.yaml", "recipe.yaml", "autonomy.py"}
     assert not any("@NAME@" in path.read_text() for path in Path("first").rglob("*.y*ml"))
+
+
+def install_step(folder: Path) -> dict[str, Any]:
+    """Return the first step of the workflow that runs a command."""
+    workflow = yaml.safe_load((folder / ".github/workflows/wil-campaign.yml").read_text())
+    return next(step for step in workflow["jobs"]["fly"]["steps"] if "run" in step)
+
+
+@pytest.mark.parametrize(
+    "requirement",
+    [
+        "wil-campaign==0.1.0",
+        f"wil-campaign @ git+https://a.b/c/d.git@{'a' * 40}#subdirectory=e",
+        f"wil-campaign @ https://a.b/wil_campaign-0.1.0-py3-none-any.whl#sha256={'b' * 64}",
+    ],
+)
+def test_the_workflow_installs_from_where_the_program_came(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture, requirement: str
+) -> None:
+    monkeypatch.setattr(init_command, "pip_requirement", lambda: requirement)
+    assert main(["init", "first", "--in", str(tmp_path)]) == 0
+    step = install_step(tmp_path)
+    assert shlex.split(step["run"]) == ["pip", "install", requirement]
+    assert "WIL_CAMPAIGN" not in capsys.readouterr().out
+
+
+def test_the_workflow_of_a_program_from_a_folder_says_so_and_fails_until_it_is_completed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.setattr(init_command, "pip_requirement", lambda: None)
+    assert main(["init", "first", "--in", str(tmp_path)]) == 0
+    assert "does not install wil-campaign yet" in capsys.readouterr().out
+    text = (tmp_path / ".github/workflows/wil-campaign.yml").read_text()
+    assert "came from a folder or file of one machine" in text
+    assert program_text() in text
+    step = install_step(tmp_path)
+    pip = tmp_path / "pip"
+    pip.write_text('#!/bin/sh\necho "<$2>"\n')
+    pip.chmod(0o755)
+    for given, code, shown in (("", 1, ""), ("wil-campaign @ x", 0, "<wil-campaign @ x>\n")):
+        done = subprocess.run(  # noqa: S603
+            ["bash", "-e", "-c", step["run"]],  # noqa: S607 - as a runner does
+            env={"PATH": f"{tmp_path}:{os.environ['PATH']}", **step["env"], "WIL_CAMPAIGN": given},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert (done.returncode, done.stdout) == (code, shown)
+        assert ("say in this workflow what pip installs" in done.stderr) == (code == 1)
+    assert step["env"] == {"WIL_CAMPAIGN": ""}
 
 
 def test_a_blind_flight_straight_on_misses_the_gate_by_far(tmp_path: Path) -> None:

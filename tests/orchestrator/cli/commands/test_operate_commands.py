@@ -4,20 +4,21 @@ import asyncio
 import io
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from orchestrator.cli import main
-from orchestrator.model.flight_place import FlightPlace
-from orchestrator.model.progress import Happening, Progress
-from orchestrator.operator.campaign_controller import CampaignController
-from orchestrator.operator.campaign_records import Place, Places, places
-from orchestrator.operator.operator_channels import open_operator_channels
-from orchestrator.operator.socket_client import NoAnswerError
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.operator.operator_socket import OperatorSocket
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller, silent_place
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.model.flight_place import FlightPlace
+from wil_campaign.orchestrator.model.progress import Happening, Progress
+from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
+from wil_campaign.orchestrator.operator.campaign_records import Place, Places, places
+from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
+from wil_campaign.orchestrator.operator.socket_client import NoAnswerError
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.operator.operator_socket import OperatorSocket
 
 Said = tuple[int, str, str]
 Cli = Callable[..., Awaitable[Said]]
@@ -46,7 +47,7 @@ def fleet() -> FakeFleet:
 @pytest.fixture
 async def controller(tmp_path: Path, fleet: FakeFleet) -> AsyncIterator[CampaignController]:
     controller = make_controller(tmp_path, fleet)
-    controller.news(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
+    controller.news(Progress("large", "wil", 1, "goal", 12.0))
     async with open_operator_channels(controller):
         yield controller
 
@@ -120,7 +121,7 @@ async def test_a_fence_that_no_run_answers_before_it_ends_is_reported(
 async def test_a_run_that_ends_before_it_answers_beside_one_that_took_the_fence_is_named(
     cli: Cli, controller: CampaignController, fleet: FakeFleet, tmp_path: Path
 ) -> None:
-    controller.news(Progress("large", "wil", 2, "goal", 3.0, verdict_so_far="PASS"))
+    controller.news(Progress("large", "wil", 2, "goal", 3.0))
     path = tmp_path / "fence.yaml"
     path.write_text("box: {}")
     calling = asyncio.ensure_future(cli("fence", str(path)))
@@ -136,22 +137,126 @@ async def test_a_run_that_ends_before_it_answers_beside_one_that_took_the_fence_
     )
 
 
-async def test_a_fence_is_for_one_campaign(
+@pytest.fixture
+async def hall(tmp_path: Path, short_folder: Path) -> AsyncIterator[tuple[Place, FakeFleet]]:
+    """A second campaign on the machine, whose record the tests show or not."""
+    fleet, path = FakeFleet(), short_folder / "hall.sock"
+    other = make_controller(tmp_path / "hall", fleet)
+    (tmp_path / "hall").mkdir()
+    other.news(Progress("small", "sim", 3, "takeoff", 2.0))
+    async with OperatorSocket(path=path, obey=other.obey, status=other.status, refused=other.warn):
+        yield Place("hall", tmp_path / "hall", path), fleet
+
+
+@pytest.mark.usefixtures("controller")
+@pytest.mark.parametrize("command", ["abort", "hold", "resume", "fence"])
+async def test_with_several_campaigns_they_are_listed_and_nothing_is_sent(
+    *,
     cli: Cli,
-    controller: CampaignController,
     fleet: FakeFleet,
+    hall: tuple[Place, FakeFleet],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
+    command: str,
+) -> None:
+    (gate,) = places().campaigns
+    file = tmp_path / "a fence.yaml"
+    file.write_text("box: {}")
+    words = (command, str(file)) if command == "fence" else (command,)
+    show_places(monkeypatch, Places((gate, hall[0]), ()))
+    code, out, err = await cli(*words, "--who", "anna")
+    verb = {"abort": "land", "fence": "change the fence of"}.get(command, command)
+    typed = f"{command} '{file}'" if command == "fence" else command
+    assert (code, out) == (2, "")
+    assert err == (
+        "2 campaigns are in the air on this machine; nothing was sent. "
+        f"To {verb} all of them:\n"
+        f"  wil-campaign {typed} --all --who anna\n"
+        "or one of them:\n"
+        f"  wil-campaign {typed} {gate.folder} --who anna"
+        "  # gate: 0 of 4 runs; large/wil/1: goal, no failure so far\n"
+        f"  wil-campaign {typed} {hall[0].folder} --who anna"
+        "  # hall: 0 of 4 runs; small/sim/3: takeoff, no failure so far\n"
+    )
+    assert not fleet.told
+    assert not fleet.aborted
+    assert not hall[1].told
+    assert not hall[1].aborted
+
+
+@pytest.mark.usefixtures("controller")
+async def test_one_of_several_campaigns_is_commanded_by_its_folder_or_all(
+    cli: Cli,
+    fleet: FakeFleet,
+    hall: tuple[Place, FakeFleet],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    (gate,) = places().campaigns
+    gate = replace(gate, folder=tmp_path / "gate")
+    show_places(monkeypatch, Places((gate, hall[0]), ()))
+    assert (await cli("hold", str(hall[0].folder)))[0] == 0
+    assert ([one.kind for one in hall[1].told], fleet.told) == (["hold"], [])
+    # The folder around both names none of them.
+    code, _, err = await cli("abort", str(tmp_path))
+    assert (code, f"wil-campaign abort {tmp_path} --all\n" in err) == (2, True)
+    assert not fleet.aborted
+    assert (await cli("abort", "--all"))[0] == 0
+    assert len(fleet.aborted) == len(hall[1].aborted) == 1
+
+
+@pytest.mark.usefixtures("controller")
+async def test_a_guard_of_another_campaign_whose_program_has_died_is_in_the_air(
+    cli: Cli, fleet: FakeFleet, hall: tuple[Place, FakeFleet], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (gate,) = places().campaigns
+    folder = Path("/r/avoid")
+    orphans = tuple(
+        Place(f"fast/wil/{n}", folder / f"fast/wil/{n}", hall[0].socket, campaign=folder)
+        for n in (1, 2)
+    )
+    show_places(monkeypatch, Places((gate,), orphans))
+    code, _, err = await cli("abort")
+    assert code == 2
+    assert "2 campaigns are in the air" in err
+    assert f"wil-campaign abort {folder}  # fast/wil/1: 0 of 4 runs; " in err
+    assert not fleet.aborted
+    # Programs and guards of one campaign are one, however many runs it flies.
+    own = tuple(replace(one, folder=gate.folder / one.name, campaign=None) for one in orphans)
+    show_places(monkeypatch, Places((gate,), own))
+    assert (await cli("abort"))[0] == 0
+    show_places(monkeypatch, Places((), orphans))
+    assert (await cli("abort"))[0] == 0
+
+
+@pytest.mark.usefixtures("controller")
+async def test_all_reaches_a_campaign_that_begins_meanwhile(
+    cli: Cli, fleet: FakeFleet, hall: tuple[Place, FakeFleet], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (gate,) = places().campaigns
+    for options, reached in (((), 0), (("--all",), 1)):
+        listed = [Places((gate,), ())]
+
+        def later() -> Places:
+            return listed.pop() if listed else Places((gate, hall[0]), ())  # noqa: B023
+
+        monkeypatch.setattr("wil_campaign.orchestrator.cli.flight_choice.places", later)
+        assert (await cli("abort", *options))[0] == 0
+        assert len(hall[1].aborted) == reached
+    assert len(fleet.aborted) == 2
+
+
+async def test_a_fence_for_all_names_the_guards_that_no_program_is_left_to_send_it_to(
+    cli: Cli, hall: tuple[Place, FakeFleet], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "fence.yaml"
     path.write_text("box: {}")
-    one = Place("gate", tmp_path / "a", tmp_path / "a.sock")
-    two = Place("hall", tmp_path / "b", tmp_path / "b.sock")
-    monkeypatch.setattr("orchestrator.cli.commands.operate.places", lambda: Places((one, two), ()))
-    code, _, said = await cli("fence", str(path))
+    show_places(monkeypatch, Places((), (replace(hall[0], name="large/wil/1"),)))
+    code, _, err = await cli("fence", str(path), "--all")
     assert code == 3
-    assert said.startswith("several campaigns are in flight; name one by its folder: ")
-    assert not fleet.told
+    assert err == (
+        "large/wil/1: its program has ended; its guard keeps the present fence, and lands\n"
+    )
 
 
 async def test_a_fence_that_cannot_be_read_or_sent_is_reported(cli: Cli, tmp_path: Path) -> None:
@@ -189,18 +294,20 @@ async def test_watch_shows_what_flies_until_it_is_over(
         return any(run in status["flying"] if run else not status["flying"] for status in statuses)
 
     none = "gate: 0 of 4 runs; none flies"
-    flies = "gate: 0 of 4 runs; large/wil/1: goal, PASS so far"
+    flies = "gate: 0 of 4 runs; large/wil/1: goal, no failure so far"
     async with asyncio.timeout(60.0), open_operator_channels(controller):
         watching = asyncio.create_task(asyncio.to_thread(main, ["watch"]))
         as_json = asyncio.create_task(asyncio.to_thread(main, ["watch", "--json"]))
         await until(lambda lines: none in lines and in_json(lines, ""))
-        controller.news(Progress("large", "wil", 1, "goal", 12.0, verdict_so_far="PASS"))
+        controller.news(Progress("large", "wil", 1, "goal", 12.0))
         shown = await until(lambda lines: flies in lines and in_json(lines, "large/wil/1"))
         # The unchanged state is not shown again while further ones come as JSON.
         await until(lambda lines: len(lines) >= len(shown) + 2)
     assert await watching == await as_json == 0
     lines = written.getvalue().splitlines()
     assert lines.count(none) == lines.count(flies) == 1
+    # What is over says how it ended; here nothing was written.
+    assert sum(line.startswith("gate: over, and ") for line in lines) == 1
     statuses = [json.loads(line) for line in lines if line.startswith("{")]
     assert statuses[-1]["flying"]["large/wil/1"]["stage"] == "goal"
 
@@ -216,7 +323,7 @@ async def test_watch_reports_records_that_it_cannot_read_any_longer(
             return readable.pop()
         raise PermissionError(13, "Permission denied", "/run/user/1/wil-campaign")
 
-    monkeypatch.setattr("orchestrator.cli.commands.operate.places", read_once)
+    monkeypatch.setattr("wil_campaign.orchestrator.cli.flight_choice.places", read_once)
     code, _, err = await cli("watch")
     assert code == 3
     assert err == (
@@ -228,7 +335,7 @@ async def test_watch_reports_records_that_it_cannot_read_any_longer(
 async def test_a_command_names_the_runs_that_acknowledge_it_and_those_that_do_not(
     cli: Cli, controller: CampaignController, fleet: FakeFleet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("orchestrator.cli.commands.operate.WITHIN_S", 0.3)
+    monkeypatch.setattr("wil_campaign.orchestrator.cli.commands.operate.WITHIN_S", 0.3)
     for run, node in (("large/wil/1", "first"), ("large/wil/2", "second")):
         controller.begun(run, FlightPlace(node))
     pass_on = fleet.pass_on
@@ -250,7 +357,7 @@ async def test_a_command_names_the_runs_that_acknowledge_it_and_those_that_do_no
 async def test_an_abort_of_a_node_goes_to_its_campaign_alone(
     cli: Cli, controller: CampaignController, fleet: FakeFleet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("orchestrator.cli.commands.operate.WITHIN_S", 0.1)
+    monkeypatch.setattr("wil_campaign.orchestrator.cli.commands.operate.WITHIN_S", 0.1)
     controller.begun("large/wil/1", FlightPlace("first"))
     assert (await cli("abort", "--node", "third"))[0] == 3
     assert not fleet.aborted
@@ -261,7 +368,7 @@ async def test_an_abort_of_a_node_goes_to_its_campaign_alone(
 
 
 def show_places(monkeypatch: pytest.MonkeyPatch, flying: Places) -> None:
-    monkeypatch.setattr("orchestrator.cli.commands.operate.places", lambda: flying)
+    monkeypatch.setattr("wil_campaign.orchestrator.cli.flight_choice.places", lambda: flying)
 
 
 @pytest.mark.parametrize("command", ["abort", "hold"])
@@ -276,7 +383,7 @@ async def test_a_command_that_one_of_two_campaigns_does_not_answer_names_it(
     (gate,) = places().campaigns
     with silent_place("hall", short_folder / "hall", short_folder / "hall.sock") as hall:
         show_places(monkeypatch, Places((gate, hall), ()))
-        code, out, err = await cli(command)
+        code, out, err = await cli(command, "--all")
     assert code == 3
     assert out.startswith("gate: ")
     assert err.startswith("hall: ")
@@ -300,7 +407,7 @@ async def test_a_campaign_that_does_not_answer_is_reached_by_the_guard_of_each_o
         assert (await cli("abort"))[0] == 3
         # A guard whose program has died counts by itself.
         show_places(monkeypatch, Places((), (first, second)))
-        code, _, err = await cli("abort")
+        code, _, err = await cli("abort", "--all")
     assert code == 3
     assert "second: the guard has not confirmed" in err
 
@@ -309,12 +416,12 @@ async def test_a_campaign_that_stops_answering_has_not_acknowledged(
     cli: Cli, controller: CampaignController, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     del controller
-    monkeypatch.setattr("orchestrator.cli.commands.operate.WITHIN_S", 0.1)
+    monkeypatch.setattr("wil_campaign.orchestrator.cli.commands.operate.WITHIN_S", 0.1)
 
     def silent(path: Path, command: str, *, who: str) -> dict[str, object]:
         raise NoAnswerError(f"{path} does not answer to {command} of {who}")
 
-    monkeypatch.setattr("orchestrator.cli.commands.operate.ask", silent)
+    monkeypatch.setattr("wil_campaign.orchestrator.cli.commands.operate.ask", silent)
     code, out, err = await cli("abort")
     assert (code, out) == (3, "gate: all vehicles land, and no further run is flown\n")
     assert err == (
@@ -323,7 +430,9 @@ async def test_a_campaign_that_stops_answering_has_not_acknowledged(
     )
     (gate,) = places().campaigns
     flights = [Places((gate,), ()), Places((), ())]
-    monkeypatch.setattr("orchestrator.cli.commands.operate.places", lambda: flights.pop(0))
+    monkeypatch.setattr(
+        "wil_campaign.orchestrator.cli.flight_choice.places", lambda: flights.pop(0)
+    )
     # It has ended meanwhile: nothing of it flies.
     assert (await cli("abort"))[0] == 0
 
@@ -336,7 +445,7 @@ async def test_an_abort_of_a_node_needs_only_the_campaign_that_flies_there(
     tmp_path: Path,
 ) -> None:
     # The acknowledgements are not the subject.
-    monkeypatch.setattr("orchestrator.cli.commands.operate.ask", lambda *_, **__: {})
+    monkeypatch.setattr("wil_campaign.orchestrator.cli.commands.operate.ask", lambda *_, **__: {})
     controller.begun("large/wil/1", FlightPlace("first"))
     (gate,) = places().campaigns
     other = make_controller(tmp_path / "other", FakeFleet())
@@ -344,10 +453,12 @@ async def test_an_abort_of_a_node_needs_only_the_campaign_that_flies_there(
     async with OperatorSocket(path=path, obey=other.obey, status=other.status, refused=other.warn):
         beside = Place("other", tmp_path / "other", path)
         show_places(monkeypatch, Places((gate, beside), ()))
-        code, out, err = await cli("abort", "--node", "first")
+        code, out, err = await cli("abort", "--node", "first", "--all")
         assert (code, "no run flies on node first" in err) == (0, True)
         assert out.startswith("gate: 1 run on node first will land")
         with silent_place("hall", short_folder / "hall", short_folder / "hall.sock") as hall:
             show_places(monkeypatch, Places((gate, hall), ()))
             code, _, err = await cli("abort", "--node", "first")
+            assert (code, "wil-campaign abort --all --node first\n" in err) == (2, True)
+            code, _, err = await cli("abort", "--node", "first", "--all")
     assert (code, "hall: " in err) == (3, True)

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.campaign.campaign_runner import CampaignOutcome
-from orchestrator.cli import main
-from orchestrator.cli.commands import run as run_command
-from orchestrator.report import campaign_report
 from tests.orchestrator.hover import write_hover
 from tests.orchestrator.report.recorded_campaign import summary_of_campaign, write_campaign
+from wil_campaign.orchestrator.campaign.campaign_runner import CampaignOutcome
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.cli.commands import run as run_command
+from wil_campaign.orchestrator.report import campaign_report
 
 Capture = pytest.CaptureFixture[str]
 
@@ -46,10 +46,10 @@ def test_run_writes_a_report_and_one_that_fails_changes_nothing(
     command = ["run", str(write_hover(tmp_path)), "--out", str(tmp_path / "out")]
 
     assert main(command) == 1
-    assert capsys.readouterr().out.splitlines()[-2:] == [
-        f"report: {folder / 'report.html'}",
-        f"results: {folder}",
-    ]
+    lines = capsys.readouterr().out.splitlines()
+    at = lines.index(f"report: {folder / 'report.html'}")
+    assert lines[at + 1] == f"results: {folder}"
+    assert all(line.startswith("next: ") for line in lines[at + 2 :])
     page = folder / "report.html"
     assert "real touched gate.left" in page.read_text()
 
@@ -61,10 +61,38 @@ def test_run_writes_a_report_and_one_that_fails_changes_nothing(
     assert outcome.err.startswith("ERROR: report.html was not written (RuntimeError: out of ink)")
     assert main(command) == 1
     outcome = capsys.readouterr()
-    assert outcome.out.splitlines()[-1] == f"results: {folder}"
+    assert f"results: {folder}" in outcome.out.splitlines()
     assert "report:" not in outcome.out
+    assert "open the report" not in outcome.out
     assert not page.exists()
 
 
 def out_of_ink(*_: object, **__: object) -> str:
     raise RuntimeError("out of ink")
+
+
+def test_a_video_that_was_not_made_is_offered_and_made_when_asked_for(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    folder = write_campaign(tmp_path / "gate")
+    assert main(["report", str(folder)]) == 0
+    page = folder / "report.html"
+    offer = "<code>wil-campaign report . --video large/wil/1</code>"
+    assert offer in page.read_text()
+    assert main(["report", str(folder), "--video", "large/wil/1"]) == 0
+    assert (folder / "large/wil/1/mixed.mp4").read_bytes()[4:8] == b"ftyp"
+    assert not (folder / "large/sim/1/mixed.mp4").exists()
+    assert offer not in page.read_text()
+    assert 'src="data:video/mp4;base64,' in page.read_text()
+
+    assert main(["report", str(folder), "--video", "all"]) == 0
+    assert (folder / "large/sim/1/mixed.mp4").is_file()
+    capsys.readouterr()
+    assert main(["report", str(folder), "--video", "large/wil/2"]) == 2
+    outcome = capsys.readouterr()
+    assert outcome.err.startswith("--video large/wil/2: no run of ")
+    assert "there are large/sim/1, large/wil/1" in outcome.err
+
+    (folder / "large/wil/1/run.mcap").unlink()
+    assert main(["report", str(folder), "--video", "large/wil/1"]) == 3
+    assert "large/wil/1: no video: " in capsys.readouterr().err

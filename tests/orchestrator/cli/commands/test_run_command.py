@@ -16,14 +16,13 @@ from typing import Any
 
 import pytest
 
-import orchestrator.cli
-from campaigns.expansion.expansion import load_campaign
-from orchestrator.campaign.folder import campaign_folder
-from orchestrator.campaign.folder.manifest import manifest
-from orchestrator.cli import main
 from tests.orchestrator.hover import STILL, WORLD, write_hover
+from wil_campaign.campaigns.expansion.expansion import load_campaign
+from wil_campaign.orchestrator.campaign.folder import campaign_folder
+from wil_campaign.orchestrator.campaign.folder.manifest import manifest
+from wil_campaign.orchestrator.cli import main
 
-ROOT = Path(orchestrator.cli.__file__).parents[2]
+ROOT = Path(__file__).parents[4]
 pytestmark = pytest.mark.usefixtures("forked_workers")
 
 
@@ -35,7 +34,7 @@ def campaign(tmp_path: Path) -> Path:
 
 def command(campaign: Path, *options: str) -> list[str]:
     out = str(campaign.parent / "out")
-    program = [sys.executable, "-m", "orchestrator.cli", "run", str(campaign)]
+    program = [sys.executable, "-m", "wil_campaign", "run", str(campaign)]
     return [*program, "--out", out, "--jobs", "1", *options]
 
 
@@ -194,7 +193,7 @@ def test_before_it_flies_a_document_says_that_nothing_has_passed(
         seen.append(junit.read_bytes())
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("orchestrator.campaign.campaign_runner.asyncio.run", stopped)
+    monkeypatch.setattr("wil_campaign.orchestrator.campaign.campaign_runner.asyncio.run", stopped)
     assert main([*command(campaign)[3:], "--junit", str(junit)]) == 130
     (case,) = ET.fromstring(seen[0]).iter("testcase")  # noqa: S314 - our own document
     assert case.find("error") is not None

@@ -19,14 +19,6 @@ import zstandard
 from mcap.exceptions import EndOfFile
 from mcap.stream_reader import StreamReader
 
-from orchestrator.model.clock import run_virtual
-from orchestrator.recording.errors import RecordingError
-from orchestrator.recording.mcap import mcap_file, mcap_writer
-from orchestrator.recording.mcap.mcap_encode import Encoder
-from orchestrator.recording.mcap.mcap_settings import LOSSLESS
-from orchestrator.recording.mcap.mcap_writer import RecordingReport
-from orchestrator.recording.mcap_reader import RecordedEvent, RecordedReading, Recording
-from orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from tests.orchestrator.mcap_runs import (
     PROVENANCE,
     SMALL_CHUNKS,
@@ -36,8 +28,20 @@ from tests.orchestrator.mcap_runs import (
     read,
     recorder,
 )
-from vehicles import background_file
-from vehicles.readings import Reading
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.orchestrator.recording.mcap import mcap_file, mcap_writer
+from wil_campaign.orchestrator.recording.mcap.mcap_encode import Encoder
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import LOSSLESS
+from wil_campaign.orchestrator.recording.mcap.mcap_writer import RecordingReport
+from wil_campaign.orchestrator.recording.mcap_reader import (
+    RecordedEvent,
+    RecordedReading,
+    Recording,
+)
+from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
+from wil_campaign.vehicles import background_file
+from wil_campaign.vehicles.readings import Reading
 
 
 def test_equal_runs_give_equal_bytes_and_the_report_counts(tmp_path: Path) -> None:
@@ -315,10 +319,10 @@ KILLED = """
 import sys, time
 import numpy as np
 from pathlib import Path
-from orchestrator.recording.mcap import mcap_writer
-from vehicles.readings import CameraReading, PoseReading
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
+from wil_campaign.orchestrator.recording.mcap import mcap_writer
+from wil_campaign.vehicles.readings import CameraReading, PoseReading
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 rng = np.random.default_rng(1)
 mcap_writer._IDLE_FLUSH_S = 3600.0  # the last chunk is to be open
 with mcap_writer.McapRecorder(path=Path(sys.argv[1]), epoch_s=1.7e9, clock="wall") as run:

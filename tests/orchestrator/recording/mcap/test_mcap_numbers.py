@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
-from orchestrator.recording.mcap import mcap_decode
-from orchestrator.recording.mcap.mcap_bodies import body_of
-from orchestrator.recording.mcap.mcap_decode import decode
-from orchestrator.recording.mcap.mcap_json import encode
-from orchestrator.recording.mcap.mcap_schemas import _numbers
 from tests.vehicles.readings.thermometer import ThermometerReading
+from wil_campaign.orchestrator.recording.mcap import mcap_decode
+from wil_campaign.orchestrator.recording.mcap.mcap_bodies import body_of
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode
+from wil_campaign.orchestrator.recording.mcap.mcap_json import encode
+from wil_campaign.orchestrator.recording.mcap.mcap_schemas import _numbers
 
 
 def test_numbers_come_back_to_the_bit(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,17 +7,10 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from orchestrator.recording.mcap.mcap_bodies import calibration_body
-from orchestrator.recording.mcap.mcap_encode import Encoder
-from orchestrator.recording.mcap.mcap_json import encode, number, pose_in
-from orchestrator.recording.mcap.mcap_settings import LOSSLESS, ImageSettings, RecordingSettings
-from orchestrator.recording.mcap_reader import RecordedEvent, RecordedProvenance, RecordedReading
-from orchestrator.recording.recording_facts import mounts_in
-from recipes.pipeline.mixture import StageTime
 from tests.orchestrator.mcap_runs import (
     INF,
     INTRINSICS,
@@ -30,7 +23,22 @@ from tests.orchestrator.mcap_runs import (
     read,
     recorder,
 )
-from vehicles.readings import (
+from wil_campaign.orchestrator.recording.mcap.mcap_bodies import calibration_body
+from wil_campaign.orchestrator.recording.mcap.mcap_encode import Encoder
+from wil_campaign.orchestrator.recording.mcap.mcap_json import encode, number, pose_in
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import (
+    LOSSLESS,
+    ImageSettings,
+    RecordingSettings,
+)
+from wil_campaign.orchestrator.recording.mcap_reader import (
+    RecordedEvent,
+    RecordedProvenance,
+    RecordedReading,
+)
+from wil_campaign.orchestrator.recording.recording_facts import mounts_in
+from wil_campaign.recipes.pipeline.mixture import StageTime
+from wil_campaign.vehicles.readings import (
     CameraReading,
     DepthReading,
     GpsReading,
@@ -44,8 +52,8 @@ from vehicles.readings import (
     Source,
     sensor_type_of,
 )
-from worlds.camera import CameraMount
-from worlds.frames import Pose, Vec3
+from wil_campaign.worlds.camera import CameraMount
+from wil_campaign.worlds.frames import Pose, Vec3
 
 SOURCES: tuple[Source, ...] = ("real", "twin", "mixed")
 
@@ -241,6 +249,7 @@ def test_provenance_and_log_lines_come_back(tmp_path: Path) -> None:
     ),
     st.none() | st.binary(max_size=40),
 )
+@example(["\x00inf", "\x00-inf", float("inf")], None)
 def test_json_is_json_and_exact_but_for_not_a_number(value: Any, data: bytes | None) -> None:
     def refuse(constant: str) -> float:
         raise AssertionError(f"{constant} is no JSON")

@@ -5,10 +5,10 @@ import re
 
 import pytest
 
-from orchestrator.report.model import Curve, Plot, PlotLimit, RunReport
-from orchestrator.report.reading.curves import curve_of, longest_step_s
-from orchestrator.report.reading.signal_plots import mixture_plots
-from orchestrator.report.rendering.plot_svg import plot_svg
+from wil_campaign.orchestrator.report.model import Curve, Plot, PlotLimit, RunReport
+from wil_campaign.orchestrator.report.reading.curves import curve_of, longest_step_s
+from wil_campaign.orchestrator.report.reading.signal_plots import mixture_plots
+from wil_campaign.orchestrator.report.rendering.plot_svg import plot_svg
 
 
 def spans(curve: Curve) -> list[tuple[float, float]]:

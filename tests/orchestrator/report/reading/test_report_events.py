@@ -3,11 +3,11 @@
 from dataclasses import replace
 from pathlib import Path
 
-from orchestrator.model.run_log import RunLog
-from orchestrator.report.reading.cause import cause_of
-from orchestrator.report.reading.event_log import MOST_EVENTS, read_event_log
-from safety.model.oracle_results import OracleResult
 from tests.orchestrator.report.recorded_campaign import touched
+from wil_campaign.orchestrator.model.run_log import RunLog
+from wil_campaign.orchestrator.report.reading.cause import cause_of
+from wil_campaign.orchestrator.report.reading.event_log import MOST_EVENTS, read_event_log
+from wil_campaign.safety.model.oracle_results import OracleResult
 
 LINK_LOST = replace(
     touched(), verdict="ERROR", reason="the link was lost", note="", decided_by="", oracles=()

@@ -6,26 +6,26 @@ from typing import Any
 
 import pytest
 
-from orchestrator.analysis.reading.judged_motion import JudgedMotion
-from orchestrator.report.model import CameraView, Cause, Frame
-from orchestrator.report.reading.closeup import JudgedFlight, closeup_of
-from orchestrator.report.reading.distances import contact_until_s
-from orchestrator.report.reading.held_limits import held_limits
-from orchestrator.report.reading.object_marks import (
+from tests.orchestrator.report.recorded_campaign import WORLD
+from wil_campaign.orchestrator.reading.judged_motion import JudgedMotion
+from wil_campaign.orchestrator.report.model import CameraView, Cause, Frame
+from wil_campaign.orchestrator.report.reading.closeup import JudgedFlight, closeup_of
+from wil_campaign.orchestrator.report.reading.distances import contact_until_s
+from wil_campaign.orchestrator.report.reading.held_limits import held_limits
+from wil_campaign.orchestrator.report.reading.object_marks import (
     SeenWorld,
     marks_of,
     named_objects,
     touched_part,
 )
-from safety.fence.geofence import Fence
-from safety.model.oracle_results import OracleResult
-from tests.orchestrator.report.recorded_campaign import WORLD
-from vehicles.embedded.physics.contact_world import BODY
-from worlds.camera import Intrinsics
-from worlds.files.documents import parse
-from worlds.frames import Pose
-from worlds.scene.scene import Scene
-from worlds.world_file.world import World
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.vehicles.embedded.physics.contact_world import BODY
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.files.documents import parse
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.scene import Scene
+from wil_campaign.worlds.world_file.world import World
 
 STAGES = {"takeoff": 1.0, "at_height": 3.0, "goal": 5.0, "land": 15.0, "landed": 20.0}
 

@@ -6,30 +6,30 @@ from collections.abc import Mapping, Sequence
 
 import pytest
 
-from orchestrator.analysis.reading.judged_motion import JudgedMotion
-from orchestrator.analysis.reading.results_folder import read_campaign
-from orchestrator.recording.judge_log_file import JudgeLogWriter
-from orchestrator.report.model import Plot, RunReport
-from orchestrator.report.reading.closeup import JudgedFlight
-from orchestrator.report.reading.distances import TimedPose
-from orchestrator.report.reading.held_limits import HeldLimit, held_limits
-from orchestrator.report.reading.run_reader import read_run
-from orchestrator.report.reading.sight_decoding import ImageSize
-from orchestrator.report.reading.signal_plots import motion_plots
-from orchestrator.report.reading.world_facts import recorded_body
-from safety.fence.geofence import Fence
-from safety.model.samples import PoseSample, StageSample
-from safety.oracles.oracle import OracleContext
 from tests.orchestrator.report.recorded_campaign import WORLD, write_campaign
 from tests.safety.oracles.oracle_rigs import build
-from vehicles.embedded.physics.contact_world import BODY
-from worlds.clearance.clearance import ClearanceProbe
-from worlds.files.documents import Data, parse
-from worlds.frames import Pose
-from worlds.scene.parts import BoxShape
-from worlds.scene.scene import Scene, SceneObject
-from worlds.scene.shapes import box
-from worlds.world_file.world import World
+from wil_campaign.orchestrator.reading.judged_motion import JudgedMotion
+from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
+from wil_campaign.orchestrator.report.model import Plot, RunReport
+from wil_campaign.orchestrator.report.reading.closeup import JudgedFlight
+from wil_campaign.orchestrator.report.reading.distances import TimedPose
+from wil_campaign.orchestrator.report.reading.held_limits import HeldLimit, held_limits
+from wil_campaign.orchestrator.report.reading.run_reader import read_run
+from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
+from wil_campaign.orchestrator.report.reading.signal_plots import motion_plots
+from wil_campaign.orchestrator.report.reading.world_facts import recorded_body
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.model.samples import PoseSample, StageSample
+from wil_campaign.safety.oracles.oracle import OracleContext
+from wil_campaign.vehicles.embedded.physics.contact_world import BODY
+from wil_campaign.worlds.clearance.clearance import ClearanceProbe
+from wil_campaign.worlds.files.documents import Data, parse
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.parts import BoxShape
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.shapes import box
+from wil_campaign.worlds.world_file.world import World
 
 STAGES = {"takeoff": 0.0, "at_height": 1.0, "goal": 1.0, "land": 9.0, "landed": 10.0}
 

@@ -7,29 +7,31 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.analysis.errors import ResultsFolderError
-from orchestrator.analysis.model import CampaignDocuments
-from orchestrator.analysis.reading.results_folder import read_campaign
-from orchestrator.model.results import Also, RunResult, SyncResult, with_note
-from orchestrator.model.twin_results import DropOut, TwinResult
-from orchestrator.recording.judge_log_file import JudgeLogWriter
-from orchestrator.report.campaign_report import write_report
-from orchestrator.report.model import Frame, LogEvent, RunReport
-from orchestrator.report.reading.cause import Contact, NearestPass, cause_of, notes_of
-from orchestrator.report.reading.run_reader import read_run
-from orchestrator.report.reading.sight_decoding import ImageSize
-from safety.evaluation.judge_log import read_judge_log
-from safety.fence.fence_values import plain_fence
-from safety.fence.geofence import Fence
-from safety.model.oracle_results import OracleResult
-from safety.model.samples import FenceSample
 from tests.orchestrator.report.recorded_campaign import (
     FENCE,
     GOAL_S,
     TOUCHED_S,
+    record_readings,
     touched,
     write_campaign,
 )
+from wil_campaign.orchestrator.model.results import Also, RunResult, SyncResult, with_note
+from wil_campaign.orchestrator.model.twin_results import DropOut, TwinResult
+from wil_campaign.orchestrator.reading.errors import ResultsFolderError
+from wil_campaign.orchestrator.reading.model import CampaignDocuments
+from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
+from wil_campaign.orchestrator.report.campaign_report import write_report
+from wil_campaign.orchestrator.report.model import Frame, LogEvent, RunReport
+from wil_campaign.orchestrator.report.reading.cause import Contact, NearestPass, cause_of, notes_of
+from wil_campaign.orchestrator.report.reading.run_reader import read_run
+from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
+from wil_campaign.orchestrator.report.rendering.page import render_run
+from wil_campaign.safety.evaluation.judge_log import read_judge_log
+from wil_campaign.safety.fence.fence_values import plain_fence
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.safety.model.samples import FenceSample
 
 SIZE = ImageSize.for_runs(1)
 FAILED = "large/wil/1"
@@ -93,6 +95,22 @@ def test_what_was_seen_and_commanded_is_of_the_moment(recorded: Path) -> None:
     times = [sight.perceived.t_s for sight in run.strip]
     assert times == sorted(times)
     assert len(times) == 7
+
+
+def test_a_moment_after_the_images_have_ended_is_shown_by_none(copied: Path) -> None:
+    """The last image before the landing does not show what was touched in the landing."""
+    place = copied / FAILED
+    (place / "run.mcap").unlink()
+    record_readings(place, "wil", until_s=3.2)
+    with (place / "log.jsonl").open("a", encoding="utf-8") as log:
+        log.write(json.dumps({"t_s": 3.2, "event": "images_ended", "topics": "/mixed/camera"}))
+    run = run_of(copied)
+    assert run.moment is not None
+    assert run.moment.t_s == TOUCHED_S == 4.0
+    assert (run.sight, run.images_end_s) == (None, 3.2)
+    assert [sight.wanted_s for sight in run.strip] == [2.0, 3.0]
+    page = render_run(run, anchor="run").html
+    assert "No image shows this moment: drawn images ended with the goal, at +1.20 s." in page
 
 
 def test_clearance_and_margins_are_those_of_the_world_that_was_flown_in(recorded: Path) -> None:
@@ -217,7 +235,7 @@ def test_a_campaign_without_runs_says_so(tmp_path: Path) -> None:
 def test_a_run_that_the_guard_ended_says_when_though_its_reason_has_a_note(recorded: Path) -> None:
     result = run_of(recorded).result
     assert result is not None
-    breach = "real cannot stop before the fence's side, 0.99 m away"
+    breach = "real cannot stop before the fence's north side, 0.99 m away"
     guarded = replace(
         result, reason=with_note(breach, "through"), note="through", decided_by="guard.fence/real"
     )

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from orchestrator.recording.mcap.mcap_settings import RecordingSettings
-from orchestrator.recording.mcap.mcap_writer import McapRecorder
-from orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
-from orchestrator.report.reading.recorded_sights import RecordedSights, read_sights
-from recipes.pipeline.mixture import Provenance
 from tests.orchestrator.report.recorded_campaign import INTRINSICS
-from vehicles.readings import CameraReading, Source
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
+from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder
+from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
+from wil_campaign.orchestrator.report.reading.recorded_sights import RecordedSights, read_sights
+from wil_campaign.recipes.pipeline.mixture import Provenance
+from wil_campaign.vehicles.readings import CameraReading, Source
 
 
 def image(k: int, source: Source) -> CameraReading:

@@ -4,11 +4,11 @@ from typing import Any
 
 import pytest
 
-from orchestrator.recording.mcap.mcap_encode import Encoder
-from orchestrator.recording.mcap.mcap_settings import RecordingSettings
-from orchestrator.report.reading.sight_decoding import _decode
 from tests.orchestrator.mcap_runs import camera
-from vehicles.readings import Source
+from wil_campaign.orchestrator.recording.mcap.mcap_encode import Encoder
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
+from wil_campaign.orchestrator.report.reading.sight_decoding import _decode
+from wil_campaign.vehicles.readings import Source
 
 
 class Recorded:

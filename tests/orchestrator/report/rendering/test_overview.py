@@ -6,16 +6,14 @@ from typing import Any
 
 import pytest
 
-from campaigns.statistics.sequential_test import SequentialTest
-from campaigns.values.acceptance import Requirement, Share
-from orchestrator.analysis.history.records import records_of
-from orchestrator.analysis.reading.results_folder import read_campaign
-from orchestrator.model.document_writer import to_json
-from orchestrator.model.results import RunResult
-from orchestrator.report.rendering.overview import case_rows, margin_text, verdict_of
-from orchestrator.report.words import NOTHING
-from safety.model.oracle_results import OracleResult
-from tests.orchestrator.analysis.flown_campaign import Flight, flights, write_flown
+from tests.orchestrator.reading.flown_campaign import Flight, flights, write_flown
+from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
+from wil_campaign.campaigns.values.acceptance import Requirement, Share
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.report.rendering.overview import case_rows, margin_text, verdict_of
+from wil_campaign.orchestrator.report.words import NOTHING
+from wil_campaign.safety.model.oracle_results import OracleResult
 
 COMPOSED: dict[str, Any] = {"campaign": "both", "campaigns": {"one": "gate.yaml"}}
 """The document of a composition has neither `accept` nor the repetitions of its parts."""
@@ -151,10 +149,3 @@ def test_the_smallest_margin_is_of_a_limit_that_was_exceeded(
     margins: tuple[tuple[str, str, float | None, bool], ...], text: str
 ) -> None:
     assert margin_text(judged(*margins)) == text
-
-
-def test_the_history_keeps_metres_in_which_flights_are_compared(tmp_path: Path) -> None:
-    folder = write_flown(tmp_path / "a", flights("a", "wil", "F"), with_motion=False)
-    (folder / "a/wil/1/result.json").write_text(to_json(judged(CLEAR, FAST)))
-    (record,) = records_of(read_campaign(folder))
-    assert record.margin == 0.4

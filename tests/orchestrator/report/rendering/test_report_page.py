@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.report.campaign_report import write_report
-from orchestrator.report.rendering.markup import element, visible
-from orchestrator.report.rendering.page import anchors
-from orchestrator.report.rendering.scales import tick_step, value_scale
 from tests.orchestrator.report.recorded_campaign import HOSTILE, write_campaign
+from wil_campaign.orchestrator.report.campaign_report import write_report
+from wil_campaign.orchestrator.report.rendering.markup import element, visible
+from wil_campaign.orchestrator.report.rendering.page import anchors
+from wil_campaign.orchestrator.report.rendering.scales import tick_step, value_scale
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_what_was_left_out_stands_in_the_head_with_what_it_means(tmp_path: Path)
     file.write_text(json.dumps(document), "utf-8")
     text = write_report(folder).path.read_text("utf-8")
     head = text[text.index("<header") : text.index("</header>")]
-    assert "Required, and left out: the controls of gate (fly_controls: false)." in head
+    assert "Required but left out: the controls of gate (fly_controls: false)." in head
     assert "Controls are runs that must not pass" in head
 
 
@@ -105,7 +105,7 @@ def test_a_run_with_a_stand_in_says_so_where_real_flew(page: str) -> None:
 def test_a_failed_run_names_its_cause_before_anything_else(page: str) -> None:
     run = page[page.index('id="run-large-wil-1"') :]
     order = ["real touched gate.left", "collision of real", "2.00 s after the goal", "commanded"]
-    order += ["data:image/jpeg", "Around the moment", "from above", "Over time", "Oracles"]
+    order += ["data:image/webp", "Around the moment", "from above", "Over time", "Oracles"]
     places = [run.index(words) for words in order]
     assert places == sorted(places)
 
@@ -147,9 +147,52 @@ def test_nothing_from_a_file_acts(elements: _Reader) -> None:
     assert elements.names.count("script") == 1
     assert elements.names.count("style") == 1
     assert not elements.acting
-    kinds = ("#", "data:image/jpeg;base64,", "data:,", "./large/")
+    kinds = ("#", "data:image/webp;base64,", "data:,", "./large/")
     assert all(address.startswith(kinds) for address in elements.addresses), elements.addresses
     assert len(elements.ids) == len(set(elements.ids))
+
+
+def test_an_image_that_is_shown_again_stands_in_the_page_once(page: str) -> None:
+    articles = page.split("<article")[1:]
+    assert len(articles) == 2
+    for run in articles:
+        now = run[run.index('<figure class="now">') :].split("</figure>")[0]
+        assert "<img data-again" in now
+        assert "data:image" not in now
+
+
+def test_a_passing_run_begins_with_why_it_passed(page: str) -> None:
+    run = page[page.index('id="run-large-sim-1"') :].split("</article>", maxsplit=1)[0]
+    order = [
+        "The required check held.",
+        "collision, with 0.3 m to spare, at +2.00 s",
+        "Why it passed",
+    ]
+    order += ["at least 0 m", "What the autonomy perceived"]
+    places = [run.index(words) for words in order]
+    assert places == sorted(places)
+
+
+def test_a_control_that_failed_as_it_must_is_not_red(tmp_path: Path) -> None:
+    folder = write_campaign(tmp_path / "gate")
+    file = folder / "large/wil/1/result.json"
+    document = json.loads(file.read_text("utf-8"))
+    control = {"case": "large", "verdict": "FAIL", "oracle": None, "cause": None, "met": True}
+    file.write_text(json.dumps({**document, "required": False, "control": control}), "utf-8")
+    text = write_report(folder).path.read_text("utf-8")
+    run = text[text.index('id="run-large-wil-1"') :]
+    assert '<span class="badge met">FAIL</span>' in run.split("</header>")[0]
+    assert "What ended it, as required" in run
+    overview = text[: text.index("<article")]
+    assert '<span class="badge FAIL">' not in overview
+    assert overview.count('<span class="badge met">FAIL</span>') == 2
+
+
+def test_no_card_is_empty(page: str) -> None:
+    for card in ("why", "what", "then", "saw"):
+        found = re.findall(rf'<(section|div) class="{card}">\s*(.{{0,14}})', page)
+        assert found
+        assert not [one for one in found if one[1].startswith("</")]
 
 
 def test_text_that_is_html_or_control_is_seen_as_text(page: str) -> None:

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from orchestrator.run.stages.actor_way import ActorProgress, ActorWay
-from worlds.frames import Pose, Vec3
-from worlds.scene.motion import Motion, Waypoint
+from wil_campaign.orchestrator.run.stages.actor_way import ActorProgress, ActorWay
+from wil_campaign.worlds.frames import Pose, Vec3
+from wil_campaign.worlds.scene.motion import Motion, Waypoint
 
 WAY = ActorWay(
     Motion(

@@ -17,11 +17,6 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.model.results import RunResult
-from orchestrator.run.flight.run import fly
-from orchestrator.state.run_setup import RunOrder, RunSetup
-from safety.guard.process.channel_link import ChannelLink
 from tests.faults.relay import Position
 from tests.orchestrator.conftest import STEP, NoCommands
 from tests.orchestrator.wall_runs import (
@@ -34,8 +29,13 @@ from tests.orchestrator.wall_runs import (
     lines,
     until,
 )
-from vehicles.clocks.sim_clock_controller import STALL_S
-from vehicles.mavlink.framing import FrameSplitter
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run.flight.run import fly
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.safety.guard.process.channel_link import ChannelLink
+from wil_campaign.vehicles.clocks.sim_clock_controller import STALL_S
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter
 
 PACE = ("--set", "clock.speed=4", "--json")
 pytestmark = pytest.mark.no_turn("lockstep")

@@ -4,8 +4,8 @@ import asyncio
 from contextlib import suppress
 from typing import Any
 
-from orchestrator.run.flight.operator_handler import OperatorHandler
-from safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.orchestrator.run.flight.operator_handler import OperatorHandler
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 
 async def test_a_command_is_with_the_guard_before_it_is_recorded() -> None:

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.cli import main
 from tests.orchestrator.sitl_programs import make_arducopter
 from tests.orchestrator.wall_runs import SHORT, STAYING, Program, lines, stages
-from vehicles.processes.identity import ProcessId
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.vehicles.processes.identity import ProcessId
 
 PACE = ("--mode", "sim", "--set", "clock.speed=4", "--json")
 

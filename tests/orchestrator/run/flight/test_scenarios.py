@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from orchestrator.model.results import RunResult
 from tests.orchestrator.conftest import SMALL_CAMERAS
+from wil_campaign.orchestrator.model.results import RunResult
 
 Fly = Callable[..., tuple[RunResult, Path]]
 

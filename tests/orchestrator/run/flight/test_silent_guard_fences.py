@@ -6,13 +6,13 @@ from typing import Any, cast
 
 import pytest
 
-from orchestrator.model.clock import run_virtual
-from orchestrator.run.flight.fence_changes import FenceChanges
-from safety.fence.geofence import Fence
-from safety.guard.core.events import EventKind, GuardEvent
-from safety.guard.core.operator_command import OperatorCommand
 from tests.orchestrator.run.flight.test_fence_changes import TIGHTER
-from worlds.geodesy import LocalFrame
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.orchestrator.run.flight.fence_changes import FenceChanges
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.events import EventKind, GuardEvent
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.worlds.geodesy import LocalFrame
 
 OLD = Fence.box(north_m=(-9, 9), east_m=(-9, 9), up_m=(-1, 6))
 NOT_KNOWN = "it is not known yet whether the new fence applies or the old one"

@@ -8,14 +8,15 @@ from typing import Any
 
 import pytest
 from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.orchestrator.wall_runs import SHORT, STAYING, Program, lines, stages
-from vehicles.autopilots.autopilot import Mode, Target
-from vehicles.autopilots.px4 import Px4
-from vehicles.links.link_strings import LinkAddress
-from vehicles.links.udp import UdpLink
-from vehicles.mavlink.codec import Codec
-from vehicles.processes.identity import ProcessId
+from wil_campaign.vehicles.autopilots.autopilot import Mode, Target
+from wil_campaign.vehicles.autopilots.px4 import Px4
+from wil_campaign.vehicles.links.link_strings import LinkAddress
+from wil_campaign.vehicles.links.udp import UdpLink
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.processes.identity import ProcessId
 
 LOCKSTEP = ("--set", "clock.speed=1")
 """With `--clock scaled`: in real time where the machine allows it; time waits for who is late."""
@@ -135,6 +136,10 @@ class GroundStation:
     def ask(self, mode: Mode) -> None:
         self.link.write(self._codec.pack(Px4().set_mode(Target(1), mode)))
 
+    def set_parameter(self, name: str) -> None:
+        message = mavlink.MAVLink_param_set_message(1, 1, name.encode(), 0.0, 6)
+        self.link.write(self._codec.pack(message))
+
 
 async def test_a_pilot_at_a_ground_station_takes_over(tmp_path: Path) -> None:
     context = GroundStation()
@@ -145,6 +150,8 @@ async def test_a_pilot_at_a_ground_station_takes_over(tmp_path: Path) -> None:
             await program.stage("goal")
             assert context.heard.keys() == {1}
             assert {"HEARTBEAT", "LOCAL_POSITION_NED"} <= context.heard[1]
+            context.set_parameter("GF_ACTION")
+            await program.await_event("dropped")
             context.ask(Mode.HOLD)
             await program.await_event("takeover")
             await asyncio.sleep(2.0)
@@ -154,9 +161,48 @@ async def test_a_pilot_at_a_ground_station_takes_over(tmp_path: Path) -> None:
     assert landed.code == 4, landed.why
     (run,) = json.loads(landed.out)["runs"]
     assert run["verdict"] == "ABORTED"
-    assert run["reason"] == "the ground station took real over by MAV_CMD_DO_SET_MODE"
+    assert run["reason"] == ("the ground station 255/190 took real over by MAV_CMD_DO_SET_MODE")
     assert "landed" in stages(program.run_folder())
     taken = [one for one in lines(program.run_folder() / "guard.jsonl") if "kind" in one]
+    assert next(one["text"] for one in taken if one["kind"] == "dropped") == (
+        "PARAM_SET of GF_ACTION from the ground station 255/190 was not forwarded"
+    )
     phases = [one["text"] for one in taken if one["vehicle"] == "real" and one["kind"] == "action"]
     assert phases[-1] == "real: down: it is disarmed"
     assert "real: under the pilot's control: the pilot has control" in phases
+
+
+SLOW = """
+import time
+
+from wil_campaign.api import Command, VelocitySetpoint
+
+
+class Slow:
+    def __init__(self, *, goal, parameters, seed):
+        pass
+
+    def perceive(self, reading):
+        pass
+
+    def act(self, telemetry):
+        time.sleep(0.2)
+        return Command(VelocitySetpoint((0.05, 0.0, 0.0)))
+"""
+
+
+async def test_a_slow_autonomy_fails_and_holds_nothing_up(tmp_path: Path) -> None:
+    path = tmp_path / "slow.py"
+    path.write_text(SLOW)
+    given = ("--mode", "sim", "--json", *SHORT, "--set", f"autonomy={{use: {path}:Slow}}")
+    async with Program(tmp_path / "out", *given) as program:
+        landed = await program.end()
+    assert landed.code == 1, landed.why
+    (run,) = json.loads(landed.out)["runs"]
+    assert run["verdict"] == "FAIL"
+    assert run["reason"].startswith("the autonomy of twin is too slow for the wall clock: it is 0.")
+    assert "slow.py:15, `time.sleep(0.2)`" in run["reason"]
+    assert run["decided_by"] == "autonomy/twin"
+    assert "landed" in stages(program.run_folder("sim"))
+    guarded = [one.get("kind") for one in lines(program.run_folder("sim") / "guard.jsonl")]
+    assert "silence" not in guarded

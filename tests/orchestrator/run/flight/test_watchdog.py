@@ -5,10 +5,10 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from campaigns.setup.case_setup import SyncSetup
-from orchestrator.model.clock import run_virtual
-from orchestrator.run.flight.watchdog import Watchdog, stage_patience_s
-from orchestrator.state.run_state import RunState, Stage
+from wil_campaign.campaigns.setup.case_setup import SyncSetup
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.orchestrator.run.flight.watchdog import Watchdog, stage_patience_s
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
 
 Act = Callable[[RunState, Watchdog], Awaitable[None]]
 

@@ -6,19 +6,19 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.run.judging.oracle_runner import OracleRunner
-from orchestrator.run.judging.run_oracles import build_judge
-from orchestrator.state.run_setup import RunOrder, RunSetup
-from orchestrator.state.run_state import RunState
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.model.samples import StageSample
 from tests.orchestrator.wall import write_wall
-from vehicles.autopilots.autopilot import Target
-from vehicles.driver import Driver
-from vehicles.links.memory import memory_pair
-from vehicles.mavlink.codec import Codec
-from worlds.frames import Pose
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.run.judging.oracle_runner import OracleRunner
+from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.model.samples import StageSample
+from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.worlds.frames import Pose
 
 PERIOD_S = 0.05
 

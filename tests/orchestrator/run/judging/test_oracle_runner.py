@@ -5,14 +5,14 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.run.judging.oracle_runner import OracleRunner
-from orchestrator.run.judging.run_oracles import build_judge
-from orchestrator.state.run_setup import RunOrder, RunSetup
-from orchestrator.state.run_state import RunState, Stage
 from tests.orchestrator.wall import write_wall
-from vehicles.autopilots.autopilot import Mode
-from vehicles.driver.vehicle_state import VehicleEvent, VehicleState
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.run.judging.oracle_runner import OracleRunner
+from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent, VehicleState
 
 
 class Vehicle:
@@ -20,6 +20,7 @@ class Vehicle:
 
     name = "twin"
     may_drop_out = False
+    permits_dead_reckoning = False
 
     def __init__(self) -> None:
         self.state = VehicleState(
@@ -37,7 +38,7 @@ class Vehicle:
 
     def ignore(self, *_: object) -> None: ...
 
-    on_pose = on_reference = on_contact = on_failure = ignore
+    on_pose = on_reference = on_contact = on_failure = on_heading = ignore
 
     def take_arrivals(self) -> tuple[float, ...]:
         return ()

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.run.judging.run_oracles import build_judge
-from orchestrator.state.run_setup import RunOrder, RunSetup
-from safety.model.samples import PoseSample, StageSample
 from tests.orchestrator.wall import write_wall
-from worlds.frames import Pose
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.safety.model.samples import PoseSample, StageSample
+from wil_campaign.worlds.frames import Pose
 
 BODY = "vehicles.twin.body={width_m: 0.3, height_m: 0.2}"
 

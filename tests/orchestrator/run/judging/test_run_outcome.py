@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
-from orchestrator.run.judging.run_outcome import _unseen, also_of
-from safety.model.verdict import Decision, DecisiveEvent
+from wil_campaign.orchestrator.model.results import also_of
+from wil_campaign.orchestrator.run.judging.run_outcome import _unseen
+from wil_campaign.safety.model.verdict import Decision, DecisiveEvent
 
 
 def test_what_is_cut_is_reported_as_the_first_event_that_is_left_out() -> None:

@@ -13,12 +13,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from campaigns.api import rotate
-from campaigns.autonomies.straight import StraightAutonomy
-from orchestrator.model.results import RunResult
-from orchestrator.run.perception.autonomy_calls import AutonomyFault, call_autonomy, command_of
-from vehicles.autonomy import Command
-from vehicles.setpoints import PositionSetpoint, VelocitySetpoint
+from wil_campaign.api import rotate
+from wil_campaign.campaigns.autonomies.straight import StraightAutonomy
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run.perception.autonomy_calls import (
+    AutonomyFault,
+    call_autonomy,
+    command_of,
+    require_run,
+)
+from wil_campaign.vehicles.autonomy import Command
+from wil_campaign.vehicles.setpoints import PositionSetpoint, VelocitySetpoint
 
 Fly = Callable[..., tuple[RunResult, Path]]
 STILL = VelocitySetpoint((0.0, 0.0, 0.0))
@@ -167,6 +172,11 @@ def test_somebody_elses_timer_goes_on() -> None:
         (Command(PositionSetpoint((math.nan, 0.0, 0.0))), "position_ned_m is not finite"),
         (Command(STILL, note={"a": 1}), "a note that is a dict"),  # type: ignore[arg-type]
         (Command(STILL, done=np.zeros(2)), "a done that is a ndarray"),  # type: ignore[arg-type]
+        (Command(STILL, done="no"), "a done that is a str, not True"),  # type: ignore[arg-type]
+        (Command(STILL, done=1), "a done that is a int, not True"),  # type: ignore[arg-type]
+        (Command(STILL, done=None), "a done that is nothing, not True"),  # type: ignore[arg-type]
+        (Command(VelocitySetpoint((0.0, 0.0, 0.0), False)), "yaw_rad contains a bool"),
+        (Command(VelocitySetpoint((b"1", 0.0, 0.0))), "contains a bytes"),  # type: ignore[arg-type]
         (Command(STILL, done=Undecided()), "a done that is a Undecided"),  # type: ignore[arg-type]
         (Command(VelocitySetpoint(Undecided())), "is not three numbers"),  # type: ignore[arg-type]
         (Command(VelocitySetpoint((0.0, Undecided(), 0.0))), "contains a Undecided"),  # type: ignore[arg-type]
@@ -224,7 +234,9 @@ class Doing:
 def test_a_faulty_autonomy_fails_the_run_and_all_land(
     fly_run: Fly, monkeypatch: pytest.MonkeyPatch, do: Callable[[], object], said: str
 ) -> None:
-    monkeypatch.setattr("campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Doing)
+    monkeypatch.setattr(
+        "wil_campaign.campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Doing
+    )
     monkeypatch.setattr(Doing, "do", staticmethod(do), raising=False)
     result, folder = fly_run(sets=("oracles={landed: {}, reached: {}}",))
     assert result.verdict == "FAIL"
@@ -253,7 +265,25 @@ def test_an_autonomy_that_cannot_be_built_for_a_run_fails_it(
         def act(self, telemetry: object) -> object:
             return Command(STILL)
 
-    monkeypatch.setattr("campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Picky)
+    monkeypatch.setattr(
+        "wil_campaign.campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Picky
+    )
     result, _ = fly_run(mode="sim")
     assert result.verdict == "FAIL", (result.reason, result.also)
     assert result.reason.startswith("the autonomy of twin crashed: RuntimeError: not this seed (")
+
+
+async def perceives_later(_: object) -> None:
+    raise AssertionError("its body never runs")
+
+
+def perceives_lazily(_: object) -> Iterator[None]:
+    yield
+
+
+@pytest.mark.parametrize("perceive", [perceives_later, perceives_lazily])
+def test_a_method_whose_body_does_not_run_is_a_fault(perceive: Callable[[object], object]) -> None:
+    """Its vehicle would fly blind, and nobody would notice."""
+    with pytest.raises(AutonomyFault, match="from perceive, whose body did not run: write a plain"):
+        require_run(perceive(None), "perceive")
+    require_run(7, "perceive")

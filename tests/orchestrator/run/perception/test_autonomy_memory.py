@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from campaigns.values.autonomy_limits import AutonomyLimits
-from orchestrator.model.results import RunResult
-from orchestrator.run.perception.autonomy_calls import AutonomyFault, call_autonomy
-from orchestrator.run.perception.autonomy_memory import MemoryMeter
-from orchestrator.run.perception.runner_factory import _build_autonomy
-from vehicles.autonomy import Command
-from vehicles.process_memory import limited_allocation
-from vehicles.setpoints import VelocitySetpoint
+from wil_campaign.campaigns.values.autonomy_limits import AutonomyLimits
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault, call_autonomy
+from wil_campaign.orchestrator.run.perception.autonomy_memory import MemoryMeter
+from wil_campaign.orchestrator.run.perception.runner_factory import _build_autonomy
+from wil_campaign.vehicles.autonomy import Command
+from wil_campaign.vehicles.process_memory import limited_allocation
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 Fly = Callable[..., tuple[RunResult, Path]]
 _MB = 1_000_000
@@ -76,17 +76,19 @@ def test_one_that_is_too_large_once_it_is_built_is_an_error_before_it_flies() ->
         (4000, "the autonomy of twin was refused memory: "),
     ],
 )
-def test_a_run_whose_autonomy_eats_memory_is_an_error_and_lands(
+def test_a_run_whose_autonomy_eats_memory_fails_and_lands(
     fly_run: Fly, monkeypatch: pytest.MonkeyPatch, megabytes: int, said: str
 ) -> None:
-    monkeypatch.setattr("campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Hoarder)
+    monkeypatch.setattr(
+        "wil_campaign.campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Hoarder
+    )
     limited = (
         f"autonomy={{use: place, with: {{megabytes: {megabytes}}}, limits: {{memory_mb: 300}}}}"
     )
     result, folder = fly_run(
         mode="sim", sets=(limited, "oracles={landed: {}, reached: {}}"), has_cameras=False
     )
-    assert (result.verdict, result.reason[: len(said)]) == ("ERROR", said)
+    assert (result.verdict, result.reason[: len(said)]) == ("FAIL", said)
     assert "autonomy.limits.memory_mb" in result.reason
     (landed,) = [one for one in result.oracles if (one.name, one.vehicle) == ("landed", "twin")]
     assert landed.verdict == "PASS"
@@ -109,7 +111,9 @@ class Spinner(Hoarder):
 def test_a_run_whose_autonomy_spins_ends_within_the_campaigns_time_for_a_call(
     fly_run: Fly, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Spinner)
+    monkeypatch.setattr(
+        "wil_campaign.campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Spinner
+    )
     limited = "autonomy={use: place, limits: {call_s: 0.3}}"
     result, _ = fly_run(
         mode="sim", sets=(limited, "oracles={landed: {}, reached: {}}"), has_cameras=False

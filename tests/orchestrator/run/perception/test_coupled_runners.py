@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from orchestrator.model.clock import run_virtual
-from orchestrator.run.perception.coupled_runners import ShadowRunner
-from vehicles.setpoints import Setpoint, VelocitySetpoint
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.orchestrator.run.perception.coupled_runners import ShadowRunner
+from wil_campaign.vehicles.setpoints import Setpoint, VelocitySetpoint
 
 AHEAD = VelocitySetpoint((1.0, 0.0, 0.0))
 ASIDE = VelocitySetpoint((0.0, 1.0, 0.0))

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from orchestrator.run.perception.expected_views import ExpectedViews
-from orchestrator.run.perception.visibility import _some_beams
-from recipes.visibility.model import Virtual
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
-from worlds.scene.scene import Scene, SceneObject
-from worlds.scene.shapes import box
+from wil_campaign.orchestrator.run.perception.expected_views import ExpectedViews
+from wil_campaign.orchestrator.run.perception.visibility import _some_beams
+from wil_campaign.recipes.visibility.model import Virtual
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.shapes import box
 
 WALL_M = 3.0
 CAMERA = Intrinsics.from_fov(64, 48, math.radians(60.0))

@@ -10,23 +10,27 @@ from typing import Any
 import numpy as np
 import pytest
 
-from orchestrator.model.clock import run_virtual
-from orchestrator.run.perception.mixing_budget import MixingBudgetWatch
-from orchestrator.run.perception.mixing_loop import MixingLoop, Registration, RegistrationError
-from orchestrator.state.mixtures import MixedFrame
-from orchestrator.state.run_state import RunState
-from recipes.language.recipe_document import load_recipe
-from recipes.model.recipe import Budget
-from recipes.pipeline.pipeline import compile_recipe
-from recipes.visibility.coverage import Coverage
-from recipes.visibility.model import FrameVisibility, ObjectVisibility
-from recipes.working import StepError
 from tests.recipes.samples import beam, camera, sound
-from vehicles.cameras.rendered_cameras import NoImageError, sleep_until
-from vehicles.poses.pose_history import PoseHistory
-from vehicles.readings import Reading
-from worlds.files.documents import parse
-from worlds.frames import Pose
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.orchestrator.run.perception.mixing_budget import MixingBudgetWatch
+from wil_campaign.orchestrator.run.perception.mixing_loop import (
+    MixingLoop,
+    Registration,
+    RegistrationError,
+)
+from wil_campaign.orchestrator.state.mixtures import MixedFrame
+from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.recipes.language.recipe_document import load_recipe
+from wil_campaign.recipes.model.recipe import Budget
+from wil_campaign.recipes.pipeline.pipeline import compile_recipe
+from wil_campaign.recipes.visibility.coverage import Coverage
+from wil_campaign.recipes.visibility.model import FrameVisibility, ObjectVisibility
+from wil_campaign.recipes.working import StepError
+from wil_campaign.vehicles.cameras.rendered_cameras import NoImageError, sleep_until
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.worlds.files.documents import parse
+from wil_campaign.worlds.frames import Pose
 
 
 class Rig:

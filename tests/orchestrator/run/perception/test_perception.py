@@ -8,16 +8,21 @@ from typing import Any
 
 import pytest
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.model.results import CombinationResult, RunResult
-from orchestrator.recording.mcap_reader import RecordedProvenance, RecordedReading, Recording
-from orchestrator.run.perception import warm_up
-from orchestrator.state.run_setup import RunOrder, RunSetup
 from tests.orchestrator.conftest import SMALL_CAMERAS
-from vehicles.autonomy import Command, Telemetry
-from vehicles.readings import CameraReading, Reading, sensor_type_of
-from vehicles.setpoints import VelocitySetpoint
-from worlds.files.documents import BadInput
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.model.results import CombinationResult, RunResult
+from wil_campaign.orchestrator.recording.mcap_reader import (
+    RecordedProvenance,
+    RecordedReading,
+    Recording,
+)
+from wil_campaign.orchestrator.recording.run_video import make_video
+from wil_campaign.orchestrator.run.perception import warm_up
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.vehicles.autonomy import Command, Telemetry
+from wil_campaign.vehicles.readings import CameraReading, Reading, sensor_type_of
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
+from wil_campaign.worlds.files.documents import BadInput
 
 Fly = Callable[..., tuple[RunResult, Path]]
 ROOT = Path(__file__).parents[4]
@@ -114,7 +119,9 @@ class Listening:
 @pytest.fixture
 def listening(monkeypatch: pytest.MonkeyPatch) -> list[Listening]:
     Listening.made = []
-    monkeypatch.setattr("campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Listening)
+    monkeypatch.setattr(
+        "wil_campaign.campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Listening
+    )
     return Listening.made
 
 
@@ -201,7 +208,8 @@ def test_an_autonomy_that_paints_on_its_images_changes_nobody_elses(
     for kind in (Listening, Painting):
         Listening.made = []
         monkeypatch.setattr(
-            "campaigns.setup.autonomy_under_test.find_autonomy", lambda *_, kind=kind: kind
+            "wil_campaign.campaigns.setup.autonomy_under_test.find_autonomy",
+            lambda *_, kind=kind: kind,
         )
         _, folder = fly_run(sets=("vehicles.twin.coupling=free", "goal.altitude_m=0.5"))
         perceived = [one for one in flown(Listening.made) if one.heard]
@@ -302,6 +310,7 @@ def test_alone_a_vehicle_perceives_all_its_own_sensors(
     assert {reading.sensor for reading in alone.heard} == {"camera", *SENSORS}
     assert {reading.source for reading in alone.heard} == {"twin"}
     assert all(knows_nothing(reading) for reading in alone.heard)
+    assert make_video(folder)
     assert (folder / "mixed.mp4").is_file()
 
 

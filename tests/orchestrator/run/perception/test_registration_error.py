@@ -11,23 +11,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from campaigns.expansion.expansion import Options, load_campaign
-from campaigns.setup.vehicle_setups import VehicleLink
-from campaigns.values.external_setups import PoseAccuracy, PoseSource, SourceSetup
-from campaigns.values.sensor_setups import CameraSetup
-from orchestrator.run.perception.mixing_loop import Registration, RegistrationError
-from orchestrator.run.perception.registration_error import (
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.setup.vehicle_setups import VehicleLink
+from wil_campaign.campaigns.values.external_setups import PoseAccuracy, PoseSource, SourceSetup
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup
+from wil_campaign.orchestrator.run.perception.mixing_loop import Registration, RegistrationError
+from wil_campaign.orchestrator.run.perception.registration_error import (
     Registrar,
     registration_error_px,
     uncertainty_px,
 )
-from orchestrator.state.run_setup import RunOrder, RunSetup
-from vehicles.driver.estimate_accuracy import ReportedAccuracy
-from vehicles.links.link_strings import parse_link
-from vehicles.poses.pose_history import PoseHistory
-from vehicles.readings import CameraReading
-from worlds.camera import Intrinsics
-from worlds.frames import Pose, Vec3
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.vehicles.driver.estimate_accuracy import ReportedAccuracy
+from wil_campaign.vehicles.links.link_strings import parse_link
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose, Vec3
 
 ROOT = Path(__file__).parents[4]
 CAMERA = Intrinsics.from_fov(640, 480, math.radians(69.0))

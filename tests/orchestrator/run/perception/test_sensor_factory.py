@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.model.clock import Clock, run_virtual
-from orchestrator.run.perception.sensor_factory import SensorFactory
-from orchestrator.state.run_setup import RunOrder, RunSetup
-from orchestrator.state.vehicle_context import PoseListener
-from safety.model.samples import PoseSample
 from tests.orchestrator.conftest import ROOT
 from tests.recipes.samples import beam
-from vehicles.readings import RangefinderReading
-from vehicles.sensors.truth import Truth
-from worlds.frames import Pose
-from worlds.scene.scene import Scene
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.model.clock import Clock, run_virtual
+from wil_campaign.orchestrator.run.perception.sensor_factory import SensorFactory
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.orchestrator.state.vehicle_context import PoseListener
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.readings import RangefinderReading
+from wil_campaign.vehicles.sensors.truth import Truth
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.scene import Scene
 
 NORTH_M_S = 3.0
 RANGE = "vehicles.real.sensors.range={type: rangefinder, rate_hz: 20}"
@@ -98,7 +98,7 @@ def test_the_rays_of_a_world_are_built_once_with_its_sensors_before_the_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     built: list[Scene] = []
-    monkeypatch.setattr("vehicles.sensors.world_views.RayCaster", built.append)
+    monkeypatch.setattr("wil_campaign.vehicles.sensors.world_views.RayCaster", built.append)
     setup = setup_of(tmp_path, RANGE, SCAN, clock="wall")
     factory, vehicle = factory_of(setup, []), setup.vehicle("real")
     for sensor in vehicle.sensors:

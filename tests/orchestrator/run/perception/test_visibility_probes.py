@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from campaigns.expansion.expansion import Options, load_campaign
-from campaigns.values.sensor_setups import (
+from tests.orchestrator.conftest import ROOT
+from tests.recipes.samples import CAMERA, depth
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
     LidarPointsSetup,
@@ -16,25 +18,27 @@ from campaigns.values.sensor_setups import (
     Reach,
     SensorSetup,
 )
-from orchestrator.run.perception.visibility import Measured, MixtureViews, VisibilityProbe
-from orchestrator.run.perception.visibility_probes import (
+from wil_campaign.orchestrator.run.perception.visibility import (
+    Measured,
+    MixtureViews,
+    VisibilityProbe,
+)
+from wil_campaign.orchestrator.run.perception.visibility_probes import (
     VisibilityProbes,
     reach_of_twin,
     sought_objects,
 )
-from orchestrator.state.run_setup import RunOrder, RunSetup
-from recipes.language.recipe_files import load_recipe_file
-from recipes.model.recipe import Combination
-from recipes.visibility.model import ExpectedRanges, FrameVisibility, Virtual
-from recipes.visibility.sampling import sampled_intrinsics
-from tests.orchestrator.conftest import ROOT
-from tests.recipes.samples import CAMERA, depth
-from vehicles.readings import LidarPointsReading, Reading
-from vehicles.sensors.lidar import GridPattern
-from vehicles.sensors.noise_sets import NoiseSetName
-from worlds.camera import CameraMount
-from worlds.frames import AT_ORIGIN
-from worlds.scene.scene import Scene
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.recipes.language.recipe_files import load_recipe_file
+from wil_campaign.recipes.model.recipe import Combination
+from wil_campaign.recipes.visibility.model import ExpectedRanges, FrameVisibility, Virtual
+from wil_campaign.recipes.visibility.sampling import sampled_intrinsics
+from wil_campaign.vehicles.readings import LidarPointsReading, Reading
+from wil_campaign.vehicles.sensors.lidar import GridPattern
+from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
+from wil_campaign.worlds.camera import CameraMount
+from wil_campaign.worlds.frames import AT_ORIGIN
+from wil_campaign.worlds.scene.scene import Scene
 
 THINGS = {2: "gate", 3: "intruder", 4: "decoy"}
 RECIPE = """\
@@ -160,7 +164,7 @@ def test_the_rays_of_a_probe_that_casts_some_are_built_before_the_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sensor: SensorSetup
 ) -> None:
     built: list[Scene] = []
-    monkeypatch.setattr("vehicles.sensors.world_views.RayCaster", built.append)
+    monkeypatch.setattr("wil_campaign.vehicles.sensors.world_views.RayCaster", built.append)
     text = RECIPE.replace("filter: [FILTER]", "").replace("camera", sensor.kind)
     text = text.replace("{overlay: {priority: [twin, real]}}", "replace")
     (tmp_path / "recipe.yaml").write_text(text)

@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
-from orchestrator.cli import main
-from orchestrator.model.document_writer import to_json
-from orchestrator.model.results import RunResult
-from orchestrator.recording.mcap_reader import Recording
-from orchestrator.run.perception.visibility import MixtureViews
-from recipes.pipeline.stages import StageView
 from tests.orchestrator.conftest import ROOT, SMALL_CAMERAS
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.model.document_writer import to_json
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.recording.mcap_reader import Recording
+from wil_campaign.orchestrator.run.perception.visibility import MixtureViews
+from wil_campaign.recipes.pipeline.stages import StageView
 
 RECIPE = """\
 schema: wil/recipe/1
@@ -28,8 +28,8 @@ combine:
     max_skew_ms: SKEW
 """
 WATCH = """\
-from vehicles.autonomy import Command
-from vehicles.setpoints import VelocitySetpoint
+from wil_campaign.vehicles.autonomy import Command
+from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 
 class Watch:
@@ -53,7 +53,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from recipes.working import Masked
+from wil_campaign.recipes.working import Masked
 
 
 def shift(work, other, *, right_px):

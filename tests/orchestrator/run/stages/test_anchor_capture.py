@@ -8,16 +8,16 @@ from typing import cast
 
 import pytest
 
-from orchestrator.model.clock import run_virtual
-from orchestrator.model.results import RunResult
-from orchestrator.run.stages.anchor_capture import anchor_by_mocap
-from orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
 from tests.orchestrator.conftest import BRIEF
 from tests.orchestrator.external.rigs import FakeDriver, FakeStation
-from vehicles.driver.vehicle_state import LocalEstimate
-from vehicles.errors import AnchorError
-from vehicles.poses.pose_history import PoseHistory
-from worlds.frames import Pose
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run.stages.anchor_capture import anchor_by_mocap
+from wil_campaign.orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
+from wil_campaign.vehicles.driver.vehicle_state import LocalEstimate
+from wil_campaign.vehicles.errors import AnchorError
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.worlds.frames import Pose
 
 Fly = Callable[..., tuple[RunResult, Path]]
 
@@ -60,7 +60,7 @@ def test_the_own_frame_is_laid_where_it_is_seen() -> None:
     assert seen.yaw_rad == pytest.approx(0.8, abs=1e-6)
 
 
-def test_who_moves_or_is_not_seen_is_not_anchored() -> None:
+def test_a_vehicle_that_moves_or_is_not_seen_is_not_anchored() -> None:
     with pytest.raises(
         AnchorError, match=r"real, anchored by motion capture: .* moved by .* still"
     ):

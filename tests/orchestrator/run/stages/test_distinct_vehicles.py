@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from orchestrator.run.stages.distinct_vehicles import require_distinct
-from orchestrator.run.vehicles.pair import Pair
-from orchestrator.state.run_state import FlightError, RunState
 from tests.orchestrator.conftest import BRIEF, Fly
+from wil_campaign.orchestrator.run.stages.distinct_vehicles import require_distinct
+from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.state.run_state import FlightError, RunState
 
 
 def contexts(*uids: str) -> Any:

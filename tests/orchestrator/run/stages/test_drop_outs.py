@@ -4,10 +4,10 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from orchestrator.model.clock import run_virtual
-from orchestrator.run.stages.drop_outs import unless_out
-from orchestrator.state.run_state import RunState
-from vehicles.errors import VehicleError
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.orchestrator.run.stages.drop_outs import unless_out
+from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.vehicles.errors import VehicleError
 
 Do = Callable[[RunState], Awaitable[None]]
 

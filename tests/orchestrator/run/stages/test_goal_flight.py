@@ -6,9 +6,9 @@ from typing import Any, cast
 
 import pytest
 
-from orchestrator.model.clock import run_on
-from orchestrator.run.stages.goal_flight import GoalFlight
-from orchestrator.state.run_state import RunState
+from wil_campaign.orchestrator.model.clock import run_on
+from wil_campaign.orchestrator.run.stages.goal_flight import GoalFlight
+from wil_campaign.orchestrator.state.run_state import RunState
 
 
 class FakeRunner:

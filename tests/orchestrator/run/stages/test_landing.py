@@ -7,22 +7,25 @@ from typing import Any
 
 import pytest
 
-from orchestrator.model.clock import run_virtual
-from orchestrator.model.results import RunResult
-from orchestrator.run.flight.conduct import _finish
-from orchestrator.run.stages.landing import bring_down
-from orchestrator.state.run_state import RunState, Stage
-from safety.guard.core.contingency import Phase
 from tests.orchestrator.flights import all_landed
 from tests.orchestrator.run.flight.test_run import at_stage
-from vehicles.mavlink.codec import Codec
-from vehicles.tasks import start
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run.flight.conduct import _finish
+from wil_campaign.orchestrator.run.stages.landing import bring_down
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.safety.guard.core.contingency import Phase
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.tasks import start
 
 Fly = Callable[..., tuple[RunResult, Path]]
 
 
 def says_it_is_disarmed(pair: Any) -> None:
-    """Send one heartbeat in the name of each vehicle, as a replay or a second vehicle would."""
+    """Send one heartbeat in the name of each vehicle, as a replay or a second vehicle would.
+
+    Its sequence number is not the vehicle's next one: it is a frame of another sender.
+    """
     for vehicle in pair.vehicles.values():
         codec = Codec(system_id=vehicle.config.system_id, component_id=1)
         beat = vehicle.autopilot._heartbeat()
@@ -46,11 +49,7 @@ def test_a_word_that_a_landing_vehicle_is_disarmed_ends_no_run_in_the_air(
         assert not vehicle.autopilot.flight.armed
         assert abs(vehicle.truth().pose.position_ned_m[2]) < 0.2
     assert all_landed(folder)
-    assert result.verdict == "ERROR"
-    said = [result.reason, *(one.reason for one in result.also)]
-    assert any(
-        "did not confirm within 3 s that all vehicles are disarmed" in text for text in said
-    ), said
+    assert result.verdict == "PASS"
 
 
 class Guard:

@@ -7,14 +7,14 @@ from typing import Any
 
 import pytest
 
-from orchestrator.model.results import RunResult
-from orchestrator.run.stages.operator_hold import OperatorHold
-from orchestrator.run.vehicles.pair import Pair
-from orchestrator.state.run_state import RunState, Stage
-from safety.guard.core.events import GuardEvent
-from safety.guard.core.operator_command import OperatorCommand, OperatorKind
 from tests.orchestrator.conftest import BRIEF
 from tests.orchestrator.flights import all_landed, log_of
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
+from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.safety.guard.core.events import GuardEvent
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand, OperatorKind
 
 Fly = Callable[..., tuple[RunResult, Path]]
 LONGER = (*BRIEF, "autonomy.with.for_s=6")

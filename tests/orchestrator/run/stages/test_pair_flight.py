@@ -1,4 +1,4 @@
-"""When a vehicle is at its height: once it has stayed there, and not while it passes through."""
+"""A pair's stages: armed alone, and at its height once it has stayed there."""
 
 import asyncio
 from collections.abc import Callable
@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
-from orchestrator.model.clock import run_virtual
-from orchestrator.run.stages.pair_flight import _at_height, _await_disarmed
-from orchestrator.state.run_state import FlightError
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.orchestrator.run.stages.pair_flight import _arm, _at_height, _await_disarmed
+from wil_campaign.orchestrator.state.run_state import FlightError
+from wil_campaign.vehicles.errors import VehicleError
 
 SYNC: Any = SimpleNamespace(takeoff_timeout_s=8.0, takeoff_tolerance_m=0.1)
 HEIGHT_M = 1.5
@@ -73,3 +74,28 @@ def test_a_dropped_out_vehicle_is_awaited_until_it_is_disarmed_or_silent(
         return asyncio.get_running_loop().time()
 
     assert run_virtual(wait()) == pytest.approx(awaited_s, abs=0.05)
+
+
+@pytest.mark.parametrize("at_s", [0.5, None])
+@pytest.mark.parametrize("names", [("twin",), ("real", "twin")])
+def test_a_second_vehicle_that_shows_itself_after_arming_takes_off_with_nobody(
+    names: tuple[str, ...], at_s: float | None
+) -> None:
+    """It is armed at 0.6 s by its heartbeat; of a pair the motors spool up then."""
+
+    class Driver:
+        identity = SimpleNamespace(autopilot="px4")
+
+        async def arm(self) -> None:
+            await asyncio.sleep(0.6)
+
+        def require_alone(self) -> None:
+            if at_s is not None and asyncio.get_running_loop().time() >= at_s:
+                raise VehicleError("two vehicles have the system id 2")
+
+    contexts: Any = tuple(SimpleNamespace(name=name, driver=Driver()) for name in names)
+    if at_s is None:
+        run_virtual(_arm(contexts))
+    else:
+        with pytest.raises(VehicleError, match="two vehicles"):
+            run_virtual(_arm(contexts))

@@ -7,9 +7,9 @@ from typing import Any, cast
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.run.stages.synchronisation import Synchronisation
-from orchestrator.state.liftoff_detector import LiftoffDetector
-from orchestrator.state.run_state import RunState
+from wil_campaign.orchestrator.run.stages.synchronisation import Synchronisation
+from wil_campaign.orchestrator.state.liftoff_detector import LiftoffDetector
+from wil_campaign.orchestrator.state.run_state import RunState
 
 LIMITS: Any = SimpleNamespace(
     max_command_skew_s=0.1, max_takeoff_skew_s=0.2, max_t0_skew_s=0.3, takeoff_timeout_s=20.0

@@ -6,14 +6,14 @@ from typing import Any
 
 import pytest
 
-from orchestrator.model.results import RunResult
-from orchestrator.model.twin_results import TwinResult
-from orchestrator.run.vehicles.pair import Pair
-from orchestrator.state.run_state import RunState
 from tests.orchestrator.flights import all_landed, log_of, rows_of
 from tests.orchestrator.run.flight.test_run import at_stage
-from vehicles.setpoints import Setpoint, VelocitySetpoint
-from worlds.frames import scale
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.model.twin_results import TwinResult
+from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.vehicles.setpoints import Setpoint, VelocitySetpoint
+from wil_campaign.worlds.frames import scale
 
 Fly = Callable[..., tuple[RunResult, Path]]
 WIDE = ("geofence.box.north_m=[-8, 18]", "geofence.box.east_m=[-9, 9]")

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from orchestrator.model.clock import run_on
-from orchestrator.run.stages.twin_monitor import TwinMonitor
-from orchestrator.state.run_state import RunState, Stage
-from vehicles.poses.pose_history import PoseHistory
-from worlds.frames import Pose
+from wil_campaign.orchestrator.model.clock import run_on
+from wil_campaign.orchestrator.run.stages.twin_monitor import TwinMonitor
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.worlds.frames import Pose
 
 RATE_HZ = 50.0
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)

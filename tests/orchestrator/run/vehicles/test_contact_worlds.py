@@ -6,13 +6,16 @@ from typing import Any, cast
 
 import pytest
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.run.vehicles.vehicle_backends import InProcessBackend, SubprocessBackend
-from orchestrator.state.run_setup import RunOrder, RunSetup
 from tests.orchestrator.wall import CAMPAIGN, write_wall
-from vehicles.embedded.physics.config import ContactWorld
-from vehicles.embedded.physics.contact_world import from_argument
-from worlds.frames import Pose
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.run.vehicles.vehicle_backends import (
+    InProcessBackend,
+    SubprocessBackend,
+)
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.vehicles.embedded.physics.config import ContactWorld
+from wil_campaign.vehicles.embedded.physics.contact_world import from_argument
+from wil_campaign.worlds.frames import Pose
 
 PAD = """\
   pad:

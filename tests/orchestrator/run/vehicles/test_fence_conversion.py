@@ -5,10 +5,10 @@ import math
 import pytest
 import shapely
 
-from orchestrator.run.vehicles.fence_conversion import onboard_fence_of
-from safety.fence.areas import Area, Circle, Polygon
-from safety.fence.geofence import Fence
-from vehicles.mavlink.fence_areas import FencePolygon, Place
+from wil_campaign.orchestrator.run.vehicles.fence_conversion import onboard_fence_of
+from wil_campaign.safety.fence.areas import Area, Circle, Polygon
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.vehicles.mavlink.fence_areas import FencePolygon, Place
 
 CIRCLE = Circle((0.0, 0.0), 100.0)
 BESIDE: dict[str, Area] = {

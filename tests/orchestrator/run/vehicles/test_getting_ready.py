@@ -1,6 +1,7 @@
 """What happens until vehicles arm: in which order, and how often each is asked."""
 
 import asyncio
+import math
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -9,16 +10,18 @@ from typing import Any, cast
 
 import pytest
 
-from campaigns.setup.case_setup import SyncSetup
-from orchestrator.model.clock import run_virtual
-from orchestrator.model.results import NOT_ARMED
-from orchestrator.run.stages.before_arming import BeforeArming
-from orchestrator.run.stages.operator_hold import OperatorHold
-from orchestrator.run.stages.pair_flight import fly_together
-from orchestrator.run.vehicles.arming_record import ArmingRecord
-from orchestrator.run.vehicles.simulator_logs import flight_log
-from orchestrator.state.run_state import FlightError, RunState
-from safety.guard.core.events import GuardEvent
+from wil_campaign.campaigns.setup.case_setup import SyncSetup
+from wil_campaign.orchestrator.external.motion_captures import MotionCaptures
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.orchestrator.model.results import NOT_ARMED
+from wil_campaign.orchestrator.run.stages.before_arming import BeforeArming
+from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
+from wil_campaign.orchestrator.run.stages.pair_flight import fly_together
+from wil_campaign.orchestrator.run.vehicles.arming_record import ArmingRecord
+from wil_campaign.orchestrator.run.vehicles.simulator_logs import flight_log
+from wil_campaign.orchestrator.state.run_state import FlightError, RunState
+from wil_campaign.safety.guard.core.events import GuardEvent
+from wil_campaign.vehicles.errors import VehicleError
 
 SYNC = SyncSetup(
     identify_timeout_s=9.0,
@@ -58,9 +61,11 @@ class Standing:
         self.note("ready")
 
 
-def test_who_was_ready_first_is_asked_again_when_all_are(monkeypatch: Any) -> None:
+def test_the_vehicle_that_was_ready_first_is_asked_again_when_all_are(monkeypatch: Any) -> None:
     """A PX4 in SIH waited 45 s for an ArduCopter: its estimate had left its anchor by 0.54 m."""
-    monkeypatch.setattr("orchestrator.run.stages.distinct_vehicles.same_vehicle", lambda *_: False)
+    monkeypatch.setattr(
+        "wil_campaign.orchestrator.run.stages.distinct_vehicles.same_vehicle", lambda *_: False
+    )
     asked: list[tuple[float, str]] = []
 
     async def flown() -> str:
@@ -85,11 +90,17 @@ def test_who_was_ready_first_is_asked_again_when_all_are(monkeypatch: Any) -> No
                 SimpleNamespace(
                     campaign=SimpleNamespace(sync=SYNC),
                     vehicle=lambda _: SimpleNamespace(anchor="start"),
+                    flown=lambda _: SimpleNamespace(attached=None),
                 ),
             ),
             guard=cast("Any", SimpleNamespace(events=[])),
             contexts=cast("Any", contexts),
-            external_io=cast("Any", SimpleNamespace(before_arming=partial(report, "proven"))),
+            external_io=cast(
+                "Any",
+                SimpleNamespace(
+                    before_arming=partial(report, "proven"), captures=MotionCaptures({})
+                ),
+            ),
             preflight=cast("Any", SimpleNamespace(check=partial(report, "preflight"))),
             configuration=cast("Any", SimpleNamespace(apply=put, unbooted={})),
             record=record,
@@ -140,11 +151,68 @@ def test_the_log_of_the_flight_is_found(tmp_path: Path) -> None:
             made.truncate(size)
     assert flight_log(px4) == px4 / "log" / "2026-11-21" / "21_06_38.ulg"
     assert flight_log(copter) == copter / "logs" / "00000001.BIN"
+    (copter / "logs" / "00000001.BIN").unlink()
+    (copter / "logs" / "00000002.BIN").unlink()
+    assert flight_log(copter) is None
+
+
+@dataclass
+class Doubled(Standing):
+    """A vehicle beside which a second one of its id is heard after a time."""
+
+    second_s: float = math.inf
+    received_for_s: float = math.inf
+
+    def request_version(self) -> None:
+        self.note("version")
+
+    def require_alone(self) -> None:
+        if asyncio.get_running_loop().time() >= self.second_s:
+            raise VehicleError(f"{self.name}: two vehicles")
+
+
+@pytest.mark.parametrize(
+    ("second_s", "said"), [(10.5, "real: two vehicles"), (math.inf, "real: fence: refused")]
+)
+def test_a_second_vehicle_is_named_where_its_answers_refuse_the_configuration(
+    monkeypatch: pytest.MonkeyPatch, second_s: float, said: str
+) -> None:
+    """Two ArduCopters behind one router refused the fence, and the second was heard later."""
+    monkeypatch.setattr(
+        "wil_campaign.orchestrator.run.stages.distinct_vehicles.same_vehicle", lambda *_: False
+    )
+
+    async def put(context: Any) -> None:
+        await asyncio.sleep(10.0)
+        raise VehicleError(f"{context.name}: fence: refused")
+
+    async def apply() -> None:
+        await BeforeArming(
+            setup=cast(
+                "Any",
+                SimpleNamespace(
+                    campaign=SimpleNamespace(sync=SYNC),
+                    flown=lambda _: SimpleNamespace(attached=True),
+                ),
+            ),
+            guard=cast("Any", SimpleNamespace(events=[])),
+            contexts=cast("Any", (Doubled("real", 0.0, [], second_s=second_s),)),
+            external_io=cast("Any", SimpleNamespace(captures=MotionCaptures({}))),
+            preflight=cast("Any", None),
+            configuration=cast("Any", SimpleNamespace(apply=put, unbooted={})),
+            record=ArmingRecord(now=asyncio.get_running_loop().time, note=lambda *_, **__: None),
+        ).apply()
+
+    with pytest.raises(VehicleError) as refused:
+        run_virtual(apply())
+    assert str(refused.value) == said
 
 
 @pytest.mark.parametrize("at", ["before", "meanwhile"])
 def test_a_vehicle_with_a_rival_never_arms(monkeypatch: pytest.MonkeyPatch, at: str) -> None:
-    monkeypatch.setattr("orchestrator.run.stages.distinct_vehicles.same_vehicle", lambda *_: False)
+    monkeypatch.setattr(
+        "wil_campaign.orchestrator.run.stages.distinct_vehicles.same_vehicle", lambda *_: False
+    )
     rival = GuardEvent(1.0, "rival", "real", "system 1 sends from two ports")
     events = [rival] if at == "before" else []
     done: list[str] = []
@@ -166,11 +234,14 @@ def test_a_vehicle_with_a_rival_never_arms(monkeypatch: pytest.MonkeyPatch, at: 
                 SimpleNamespace(
                     campaign=SimpleNamespace(sync=SYNC),
                     vehicle=lambda _: SimpleNamespace(anchor="start"),
+                    flown=lambda _: SimpleNamespace(attached=None),
                 ),
             ),
             guard=cast("Any", SimpleNamespace(events=events)),
             contexts=cast("Any", (Standing("real", 0.0, []), Standing("twin", 0.0, []))),
-            external_io=cast("Any", SimpleNamespace(before_arming=external)),
+            external_io=cast(
+                "Any", SimpleNamespace(before_arming=external, captures=MotionCaptures({}))
+            ),
             preflight=cast("Any", SimpleNamespace(check=check)),
             configuration=cast("Any", SimpleNamespace(apply=put, unbooted={})),
             record=ArmingRecord(now=asyncio.get_running_loop().time, note=lambda *_, **__: None),
@@ -180,7 +251,7 @@ def test_a_vehicle_with_a_rival_never_arms(monkeypatch: pytest.MonkeyPatch, at: 
         run_virtual(apply())
     assert str(refused.value) == (
         "real: system 1 sends from two ports; switch one off, or give one another id "
-        "(MAV_SYS_ID of PX4, MAV_SYSID of ArduPilot)"
+        "(MAV_SYS_ID of PX4, MAV_SYSID of ArduPilot, before 4.7 SYSID_THISMAV)"
     )
     # No parameter is written to a vehicle that may be the wrong one.
     assert done == ([] if at == "before" else ["real prepared", "twin prepared"])

@@ -5,21 +5,21 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.model.clock import run_virtual
-from orchestrator.run.vehicles import pair
-from orchestrator.run.vehicles.guard_factory import HANGING_S, guard_of
-from orchestrator.run.vehicles.preflight_checks import _await_positions
-from orchestrator.state.run_setup import RunOrder, RunSetup
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.guard.process.guard_config import GuardConfig
-from safety.guard.process.remote_guard import RemoteGuard
 from tests.orchestrator.conftest import ROOT
 from tests.orchestrator.sitl_programs import make_arducopter
-from vehicles.driver import Driver
-from vehicles.links.memory import memory_pair
-from vehicles.links.tapped import TappedLink
-from worlds.frames import AT_ORIGIN
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.orchestrator.run.vehicles import pair
+from wil_campaign.orchestrator.run.vehicles.guard_factory import HANGING_S, guard_of
+from wil_campaign.orchestrator.run.vehicles.preflight_checks import _await_positions
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.guard.process.guard_config import GuardConfig
+from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.links.tapped import TappedLink
+from wil_campaign.worlds.frames import AT_ORIGIN
 
 
 def gate_setup(folder: Path, clock: str, *sets: str) -> RunSetup:

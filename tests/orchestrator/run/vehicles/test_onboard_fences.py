@@ -7,18 +7,18 @@ from typing import Any
 
 import pytest
 
-from campaigns.expansion.expansion import Options, load_campaign
-from orchestrator.campaign.reevaluation import judge_run_again
-from orchestrator.model.document_writer import to_json, write_whole
-from orchestrator.model.progress import Happening, News
-from orchestrator.model.results import RunResult
-from orchestrator.run.vehicles.pair import Pair
-from orchestrator.state.run_state import RunState, Stage
-from safety.guard.core.operator_command import OperatorCommand
 from tests.orchestrator.conftest import BRIEF, ROOT
 from tests.orchestrator.flights import all_landed, log_of
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.mavlink.framing import FrameSplitter
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.campaign.reevaluation import judge_run_again
+from wil_campaign.orchestrator.model.document_writer import to_json, write_whole
+from wil_campaign.orchestrator.model.progress import Happening, News
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter
 
 Fly = Callable[..., tuple[RunResult, Path]]
 TIGHTER = "box: {north_m: [-0.9, 4.7], east_m: [-1.8, 1.8], up_m: [-0.5, 2.0]}"
@@ -217,7 +217,7 @@ def test_a_second_change_at_once_is_refused(fly_run: Fly) -> None:
     assert operator.aboard[-1] == {"twin": (3, 3.0)}
 
 
-def test_who_is_held_may_be_given_another_fence(fly_run: Fly) -> None:
+def test_a_held_vehicle_may_be_given_another_fence(fly_run: Fly) -> None:
     script = [
         (1.0, OperatorCommand("hold", "anna")),
         (3.0, asks(TIGHTER)),

@@ -12,27 +12,31 @@ from typing import Any, cast
 
 import pytest
 
-from campaigns.schema import PreflightPart
-from campaigns.setup.case_setup import VehicleSetup
-from campaigns.values.external_setups import InjectionSetup
-from orchestrator.external.injection_check import UnsupportedInjectionError, prove_injection
-from orchestrator.model.clock import run_virtual
-from orchestrator.run.vehicles.arming_record import ArmingRecord
-from orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
-from orchestrator.run.vehicles.restoration import Restoration
-from orchestrator.state.parameter_backups import parameter_backup_folder
-from orchestrator.state.vehicle_context import VehicleContext
-from safety.fence.geofence import Fence
-from vehicles.autopilots.autopilot import AutopilotName
-from vehicles.driver import Driver
-from vehicles.driver.onboard.fence_backup import back_up_fence
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.profile import load_profile
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.links.link_strings import parse_link
-from vehicles.links.memory import memory_pair
-from vehicles.mavlink.fence_areas import FenceCircle, Place
-from worlds.frames import AT_ORIGIN
+from wil_campaign.campaigns.schema import PreflightPart
+from wil_campaign.campaigns.setup.case_setup import VehicleSetup
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.orchestrator.run.vehicles.arming_record import ArmingRecord
+from wil_campaign.orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
+from wil_campaign.orchestrator.run.vehicles.restoration import Restoration
+from wil_campaign.orchestrator.state.parameter_backups import parameter_backup_folder
+from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.plugins.injection.injection_check import (
+    UnsupportedInjectionError,
+    prove_injection,
+)
+from wil_campaign.plugins.injection.injection_setups import InjectionSetup
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.onboard.fence_backup import back_up_fence
+from wil_campaign.vehicles.driver.onboard.vehicle_logs import LogEntry
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.profile import load_profile
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.links.link_strings import parse_link
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle, Place
+from wil_campaign.worlds.frames import AT_ORIGIN
 
 OBSTACLES = InjectionSetup(thing="obstacle_distance", to=("real",), sensor="lidar")
 Script = Callable[["Rig"], Awaitable[Any]]
@@ -185,7 +189,8 @@ _KILLED = """
 import asyncio, os, signal, sys
 from pathlib import Path
 from tests.vehicles.driver.onboard.test_parameter_backup import Access
-from vehicles.driver.onboard.parameter_backup import ParameterBackup
+from wil_campaign.vehicles.driver.onboard.vehicle_logs import LogEntry
+from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterBackup
 async def main():
     access = Access(AVOID_MARGIN=2.0)
     async with ParameterBackup(
@@ -308,7 +313,7 @@ def test_who_may_be_in_the_air_still_is_restored_by_the_next_start(
     with_vehicle(autopilot, script, params={name: 5.0})
 
 
-def test_who_may_be_in_the_air_still_and_was_not_changed_has_its_own() -> None:
+def test_a_vehicle_that_may_be_in_the_air_and_was_not_changed_has_its_own() -> None:
     async def script(rig: Rig) -> None:
         onboard = rig.onboard()
         await onboard.apply(rig.context)
@@ -355,40 +360,71 @@ def test_a_log_that_cannot_be_written_is_noted_and_stops_no_other(tmp_path: Path
         def __init__(self, name: str) -> None:
             self._name = name
 
-        async def list(self) -> tuple[int, ...]:
-            return (1,)
+        async def list(self) -> tuple[LogEntry, ...]:
+            return (LogEntry(1, 900, None),)
 
-        async def fetch(self, _: int, folder: Path, *, name: str) -> Path:
+        async def fetch(self, _: LogEntry, folder: Path, *, name: str) -> Path:
             if name == "real":
                 raise OSError(errno.EROFS, "Read-only file system", str(folder / "real-1.bin"))
             await asyncio.sleep(1.0)
             fetched.append(name)
             return folder / f"{name}-1.bin"
 
+    _fetch_logs({name: Logs(name) for name in ("real", "twin")}, tmp_path, noted)
+    assert fetched == ["twin"]
+    assert noted == [
+        ("real", f"the log cannot be fetched to {tmp_path}: Read-only file system"),
+        ("twin", "twin-1.bin"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("sizes_bytes", "said"),
+    [
+        ((900, 800), "real-2.bin"),
+        ((700, 900, 0, 0), "real-2.bin (newer logs, all empty: 2)"),
+        ((0, 0), "all 2 logs of the vehicle are empty"),
+        ((), "the vehicle has no log"),
+    ],
+)
+def test_an_empty_log_is_not_taken_for_that_of_the_flight(
+    sizes_bytes: tuple[int, ...], said: str, tmp_path: Path
+) -> None:
+    class Logs:
+        async def list(self) -> tuple[LogEntry, ...]:
+            sizes = enumerate(sizes_bytes, start=1)
+            return tuple(LogEntry(number, size, None) for number, size in sizes)
+
+        async def fetch(self, entry: LogEntry, folder: Path, *, name: str) -> Path:
+            return folder / f"{name}-{entry.number}.bin"
+
+    noted: list[tuple[str, str]] = []
+    _fetch_logs({"real": Logs()}, tmp_path, noted)
+    assert noted == [("real", said)]
+
+
+def _fetch_logs(logs: dict[str, Any], folder: Path, noted: list[tuple[str, str]]) -> None:
+    """Fetch the logs of vehicles by name after a run in a folder, and note what is said."""
+
     def context(name: str) -> Any:
-        onboard = SimpleNamespace(logs=Logs(name))
+        onboard = SimpleNamespace(logs=logs[name])
         return SimpleNamespace(name=name, driver=SimpleNamespace(onboard=onboard))
 
     async def run() -> None:
         record = SimpleNamespace(vehicle_logs=True)
         setup: Any = SimpleNamespace(
-            campaign=SimpleNamespace(record=record), order=SimpleNamespace(folder=tmp_path)
+            campaign=SimpleNamespace(record=record), order=SimpleNamespace(folder=folder)
         )
         anything: Any = SimpleNamespace()
         await OnboardConfiguration(
             setup=setup,
-            contexts=(context("real"), context("twin")),
+            contexts=tuple(map(context, logs)),
             run_state=anything,
             record=anything,
             note=lambda _, *, vehicle, text: noted.append((vehicle, text)),
         ).fetch_logs()
 
     run_virtual(run())
-    assert fetched == ["twin"]
-    assert noted == [
-        ("real", f"the log cannot be fetched to {tmp_path}: Read-only file system"),
-        ("twin", "twin-1.bin"),
-    ]
 
 
 def backups() -> int:

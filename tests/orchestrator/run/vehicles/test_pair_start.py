@@ -6,14 +6,14 @@ from typing import Any, cast
 
 import pytest
 
-from campaigns.expansion.expansion import Options, load_campaign
-from campaigns.setup.vehicle_setups import FlownSetup
-from orchestrator.external.motion_captures import MotionCaptures
-from orchestrator.run.vehicles import pair
-from orchestrator.state.run_setup import RunOrder, RunSetup
 from tests.orchestrator.conftest import ROOT
-from vehicles.links.link import LinkError
-from vehicles.links.memory import memory_pair
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
+from wil_campaign.orchestrator.external.motion_captures import MotionCaptures
+from wil_campaign.orchestrator.run.vehicles import pair
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.vehicles.links.link import LinkError
+from wil_campaign.vehicles.links.memory import memory_pair
 
 
 class Backend:

@@ -10,26 +10,26 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.model.results import RunResult
-from orchestrator.run.vehicles import vehicle_backends
-from orchestrator.run.vehicles.pair import Pair
-from orchestrator.run.vehicles.preflight_checks import Preflight
-from orchestrator.state.run_state import RunState
-from orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
-from safety.preflight import Item
 from tests.orchestrator.conftest import BRIEF, Fly
 from tests.orchestrator.flights import log_of
 from tests.vehicles.embedded.charge import set_remaining
-from vehicles.autopilots.autopilot import AutopilotName
-from vehicles.autopilots.registry import autopilot_named
-from vehicles.embedded.autopilot.copter import copter_telemetry
-from vehicles.embedded.autopilot.copter.copter_core import CopterCore
-from vehicles.embedded.autopilot.px4 import px4_telemetry
-from vehicles.embedded.autopilot.px4.px4_core import Px4Core
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.poses.pose_history import PoseHistory
-from worlds.frames import Pose
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run.vehicles import vehicle_backends
+from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run.vehicles.preflight_checks import Preflight
+from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
+from wil_campaign.safety.preflight import Item
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.embedded.autopilot.copter import copter_telemetry
+from wil_campaign.vehicles.embedded.autopilot.copter.copter_core import CopterCore
+from wil_campaign.vehicles.embedded.autopilot.px4 import px4_telemetry
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_core import Px4Core
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.worlds.frames import Pose
 
 ARDUPILOT = "vehicles.twin.autopilot=ardupilot"
 
@@ -126,7 +126,7 @@ def test_a_gps_that_is_not_fit_to_fly_by(
     assert refused.startswith(f"twin gps: {said}")
 
 
-def test_who_flies_without_gps_may_say_so(fly_run: Fly, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_vehicle_without_gps_may_say_so(fly_run: Fly, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(Px4Core.builders, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, gps_of(0, 255, 65535))
     result, _ = fly_run(mode="sim", sets=(*BRIEF, "preflight.gps=null"))
     assert result.verdict == "PASS"
@@ -184,7 +184,72 @@ def test_a_vehicle_that_stands_elsewhere(fly_run: Fly, monkeypatch: pytest.Monke
     refused = refusals(fly_run())
     assert [text.split(":")[0] for text in refused] == ["real position", "real home", "pair"]
     assert "1.3 m, and at most 0.5 m is allowed" in refused[0]
-    assert "m outside of the fence's side" in refused[1]
+    assert "m outside of the fence's" in refused[1]
+
+
+RALLY, MISSION = mavlink.MAV_MISSION_TYPE_RALLY, mavlink.MAV_MISSION_TYPE_MISSION
+RALLY_POINT, LAND = mavlink.MAV_CMD_NAV_RALLY_POINT, mavlink.MAV_CMD_NAV_LAND
+WAYPOINT, DO_LAND_START = mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_DO_LAND_START
+PX4_RETURNS, SET = "vehicles.twin.params={NAV_DLL_ACT: 2}", "preflight.failsafe=set"
+OUTSIDE = "its rally points, 36 m outside of the fence; clear its rally points"
+
+
+def stores(kind: int, *places: tuple[int, float, float]) -> Callable[[EmbeddedVehicle], None]:
+    """Return what stores a list in a vehicle: commands, metres north of home, and height."""
+
+    def store(vehicle: EmbeddedVehicle) -> None:
+        autopilot = vehicle._autopilot
+        home = autopilot._home_item()
+        items = [
+            home._replace(command=command, frame=3, x=home.x + round(north_m / 0.0111319), z=up_m)
+            for command, north_m, up_m in places
+        ]
+        first = [home] if kind == MISSION and not autopilot.is_px4 else []
+        autopilot.missions._lists[kind] = (*first, *items)
+
+    return store
+
+
+@pytest.mark.parametrize(
+    ("sets", "stored", "said"),
+    [
+        ((PX4_RETURNS,), stores(RALLY, (RALLY_POINT, 1, 0), (RALLY_POINT, 40.6, 0)), OUTSIDE),
+        ((PX4_RETURNS,), stores(RALLY, (RALLY_POINT, 1, 9)), "1 of its rally points, 7 m outside"),
+        ((PX4_RETURNS,), stores(RALLY, (RALLY_POINT, 1, 0)), ""),
+        ((), stores(RALLY, (RALLY_POINT, 40.6, 0)), ""),
+        (
+            ("vehicles.twin.params={COM_OBL_RC_ACT: 3, RTL_TYPE: 2}",),
+            stores(MISSION, (WAYPOINT, 40, 1), (LAND, 30, 0)),
+            "item 1 of its stored mission",
+        ),
+        (
+            ("vehicles.twin.params={NAV_DLL_ACT: 2, RTL_TYPE: 3}",),
+            stores(MISSION, (WAYPOINT, 40, 1), (DO_LAND_START, 1, 0), (LAND, 20, 0)),
+            "item 3 of its stored mission",
+        ),
+        (
+            (ARDUPILOT, "vehicles.twin.params={FS_GCS_ENABLE: 1}"),
+            stores(RALLY, (RALLY_POINT, 40.6, 0)),
+            OUTSIDE,
+        ),
+        (
+            (ARDUPILOT, "vehicles.twin.params={FS_GCS_ENABLE: 6}"),
+            stores(MISSION, (WAYPOINT, 1, 1), (LAND, 30, 0)),
+            "item 2 of its stored mission",
+        ),
+    ],
+)
+def test_a_failsafe_that_returns_to_a_place_outside_of_the_fence(
+    fly_run: Fly, sets: tuple[str, ...], stored: Callable[[EmbeddedVehicle], None], said: str
+) -> None:
+    disturb = once_ready("twin", stored)
+    flown = fly_run(mode="sim", sets=(*sets, SET, *BRIEF), disturb=disturb)
+    if not said:
+        assert [item for item in flown[0].preflight if item.outcome == "refused"] == []
+        return
+    (refused,) = refusals(flown)
+    assert refused.startswith("twin failsafe: it would return to item ")
+    assert said in refused
 
 
 def test_a_clock_that_is_not_known_well_enough(fly_run: Fly) -> None:

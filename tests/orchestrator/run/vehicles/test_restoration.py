@@ -4,9 +4,9 @@ from types import TracebackType
 
 import pytest
 
-from orchestrator.run.vehicles.restoration import Restoration
-from vehicles.driver.onboard.mission_protocol import MissionError
-from vehicles.errors import ParameterError, VehicleError
+from wil_campaign.orchestrator.run.vehicles.restoration import Restoration
+from wil_campaign.vehicles.driver.onboard.mission_protocol import MissionError
+from wil_campaign.vehicles.errors import ParameterError, VehicleError
 
 
 class Failing:

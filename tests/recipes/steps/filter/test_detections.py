@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from recipes.language.recipe_files import load_recipe_file
-from recipes.pipeline.pipeline import compile_recipe
 from tests.recipes.samples import camera, plain
 from tests.vehicles.tiny_onnx import noise, tiny_detector
-from worlds.files.documents import BadInput
+from wil_campaign.recipes.language.recipe_files import load_recipe_file
+from wil_campaign.recipes.pipeline.pipeline import compile_recipe
+from wil_campaign.worlds.files.documents import BadInput
 
 RECIPE = """\
 schema: wil/recipe/1

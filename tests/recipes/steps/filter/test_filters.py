@@ -10,8 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from recipes.model.registry import Context
-from recipes.working import CannotMixError, Masked
 from tests.recipes.samples import (
     HEIGHT,
     WIDTH,
@@ -24,6 +22,8 @@ from tests.recipes.samples import (
     plain,
     scan,
 )
+from wil_campaign.recipes.model.registry import Context
+from wil_campaign.recipes.working import CannotMixError, Masked
 
 ranges = npst.arrays(
     np.float32,

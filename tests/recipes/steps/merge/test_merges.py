@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from recipes.working import CannotMixError, Masked
 from tests.recipes.samples import (
     HEIGHT,
     WIDTH,
@@ -25,7 +24,8 @@ from tests.recipes.samples import (
     scan,
     sound,
 )
-from worlds.frames import Pose, angle_between, quat_from_euler
+from wil_campaign.recipes.working import CannotMixError, Masked
+from wil_campaign.worlds.frames import Pose, angle_between, quat_from_euler
 
 RED, GREEN, WHITE = (0, 0, 255), (0, 255, 0), (255, 255, 255)
 near = st.floats(-9, 9, width=32)

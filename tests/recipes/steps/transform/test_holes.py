@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from recipes.working import CannotMixError
 from tests.recipes.samples import HEIGHT, WIDTH, apply, camera, depth, plain
+from wil_campaign.recipes.working import CannotMixError
 
 
 def filled(depth_m: Any, holes_px: int = 5) -> Any:

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from recipes.operations.interpolation import INTERPOLATED, between
-from recipes.working import CannotMixError, Masked
 from tests.recipes.samples import beam, build, camera, cloud, fix, imu, pose, scan
-from vehicles.readings import Reading
-from worlds.frames import Pose, angle_between, quat_from_euler
+from wil_campaign.recipes.operations.interpolation import INTERPOLATED, between
+from wil_campaign.recipes.working import CannotMixError, Masked
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.worlds.frames import Pose, angle_between, quat_from_euler
 
 R = TypeVar("R", bound=Reading)
 

@@ -9,10 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from recipes.model.registry import find
-from recipes.operations.step_parameters import RotationPart
-from recipes.operations.unit_factors import METRES
-from recipes.working import CannotMixError, Masked
 from tests.recipes.samples import (
     apply,
     beam,
@@ -26,9 +22,13 @@ from tests.recipes.samples import (
     scan,
     sound,
 )
-from vehicles.readings import SENSOR_TYPES
-from worlds.camera import Intrinsics
-from worlds.frames import (
+from wil_campaign.recipes.model.registry import find
+from wil_campaign.recipes.operations.step_parameters import RotationPart
+from wil_campaign.recipes.operations.unit_factors import METRES
+from wil_campaign.recipes.working import CannotMixError, Masked
+from wil_campaign.vehicles.readings import SENSOR_TYPES
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import (
     Pose,
     angle_between,
     euler_from_quat,
@@ -37,7 +37,7 @@ from worlds.frames import (
     quat_from_euler,
     rotate,
 )
-from worlds.geodesy import LocalFrame
+from wil_campaign.worlds.geodesy import LocalFrame
 
 angles = st.floats(-3.1, 3.1)
 metres = st.floats(-1000, 1000)

@@ -4,8 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from safety.guard.core.contingency import Action, Contingency, ContingencyPlan, Facts, Phase
-from vehicles.autopilots.autopilot import Mode
+from wil_campaign.safety.guard.core.contingency import (
+    Action,
+    Contingency,
+    ContingencyPlan,
+    Facts,
+    Phase,
+)
+from wil_campaign.vehicles.autopilots.autopilot import Mode
 
 FLYING = Facts(armed=True, mode=Mode.GUIDED, landed=False, up_m=2.0, speed_m_s=1.0, seen_s=0.0)
 

@@ -4,11 +4,12 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.safety.guard.guard_rigs import abort, make_pair
-from vehicles.poses.anchor import Anchor
-from worlds.frames import Vec3
+from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.worlds.frames import Vec3
 
 HERE: Vec3 = (0.0, 0.0, -2.0)
 STANDING: Vec3 = (0.0, 0.0, 0.0)
@@ -104,7 +105,7 @@ def test_a_few_equal_positions_while_the_estimate_jumps_are_chance(pair: Any) ->
     assert pair.kinds() == []
 
 
-def test_who_stands_may_have_an_estimate_that_wanders(fake_vehicle: Any, rig: Any) -> None:
+def test_a_standing_vehicle_may_have_an_estimate_that_wanders(fake_vehicle: Any, rig: Any) -> None:
     pair = anchored(make_pair(fake_vehicle, rig, real={"up_m": 0.0}))
 
     def each(t_s: float) -> None:
@@ -113,6 +114,76 @@ def test_who_stands_may_have_an_estimate_that_wanders(fake_vehicle: Any, rig: An
 
     fly(pair, 60.0, each)
     assert pair.kinds() == []
+
+
+def reports(pair: Any, landed_state: int) -> None:
+    """Have real report a MAV_LANDED_STATE: 1 on the ground, 3 taking off, 4 landing."""
+    message = mavlink.MAVLink_extended_sys_state_message(0, landed_state)
+    frame = pair.vehicles["real"].codec.pack(message)
+    pair.apply(pair.core.from_vehicle("real", frame, pair.t_s))
+
+
+def stood(fake_vehicle: Any, rig: Any) -> Any:
+    """Return a pair whose real has reported to stand on the ground, and reports nothing more."""
+    pair = anchored(make_pair(fake_vehicle, rig, real={"up_m": 0.0, "tells_landed": False}))
+    reports(pair, 1)
+    pose(pair, STANDING)
+    estimated(pair, STANDING)
+    return pair
+
+
+@pytest.mark.parametrize("landed_state", [3, 4])
+def test_a_standing_vehicle_that_reports_a_takeoff_or_landing_may_repeat_one_place(
+    fake_vehicle: Any, rig: Any, landed_state: int
+) -> None:
+    """As PX4 1.16 in SIH: its estimate errs by half a metre, and its simulator stands still."""
+    pair = stood(fake_vehicle, rig)
+    reports(pair, landed_state)
+
+    def each(t_s: float) -> None:
+        pose(pair, STANDING)
+        estimated(pair, (0.0, 0.8 if t_s > 1.0 else 0.0, -0.6), (0.0, 0.0, 0.0))
+
+    fly(pair, 10.0, each)
+    assert pair.kinds() == []
+
+
+def test_a_source_that_repeats_the_ground_while_its_vehicle_climbs_is_frozen(
+    fake_vehicle: Any, rig: Any
+) -> None:
+    pair = stood(fake_vehicle, rig)
+    reports(pair, 3)
+
+    def each(t_s: float) -> None:
+        pose(pair, STANDING)
+        if pair.core.latched is None:
+            estimated(pair, (0.0, 0.0, -1.0 * t_s), (0.0, 0.0, -1.0))
+
+    fly(pair, 7.0, each)
+    assert pair.kinds() == ["pose", "fence"]
+    assert next(one.t_s for one in pair.events if one.kind == "pose") < 3.0
+
+
+def below(fake_vehicle: Any, rig: Any, *, rises_m: float = 0.0) -> list[str]:
+    """Return what the guard does about a takeoff beside an estimate that sinks, floor at -1 m."""
+    pair = stood(fake_vehicle, rig)
+    reports(pair, 3)
+
+    def each(t_s: float) -> None:
+        up_m = rises_m * min(1.0, t_s) - 0.4 * max(0.0, t_s - 1.0)
+        pose(pair, (0.001 * t_s, 0.0, -up_m), (0.0, 0.0, 0.4 if t_s > 1.0 else -rises_m))
+
+    fly(pair, 4.0 + rises_m / 0.4, each)
+    return [event.text for event in pair.events if event.kind == "fence"]
+
+
+def test_the_floor_is_no_limit_for_one_that_has_not_left_the_ground(
+    fake_vehicle: Any, rig: Any
+) -> None:
+    """It "cannot stop before the fence's floor", by an estimate that errs, while it spools up."""
+    assert below(fake_vehicle, rig) == []
+    (said,) = below(fake_vehicle, rig, rises_m=1.2)
+    assert said.startswith("real cannot stop before the fence's floor")
 
 
 def test_a_long_landing_beside_a_frozen_source_ends_on_the_ground(

@@ -4,12 +4,12 @@ from typing import Any
 
 import pytest
 
-from safety.guard.core.contingency import Phase
-from safety.guard.core.events import GuardedVehicle, ToVehicle, decisive
-from safety.guard.core.guard_core import GuardCore
 from tests.safety.guard.guard_rigs import FENCE, abort, setpoint
-from vehicles.autopilots.autopilot import Mode, Target
-from vehicles.autopilots.px4 import Px4
+from wil_campaign.safety.guard.core.contingency import Phase
+from wil_campaign.safety.guard.core.events import GuardedVehicle, ToVehicle, decisive
+from wil_campaign.safety.guard.core.guard_core import GuardCore
+from wil_campaign.vehicles.autopilots.autopilot import Mode, Target
+from wil_campaign.vehicles.autopilots.px4 import Px4
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_it_lands_and_then_nothing_of_it_may_be_armed(pair: Any) -> None:
     assert pair.core.may_be_armed(pair.t_s) == ("real",)
 
 
-def test_who_is_silent_is_not_waited_for(pair: Any) -> None:
+def test_a_silent_vehicle_is_not_waited_for(pair: Any) -> None:
     fall_silent(pair)
     pair.fly(5.0)
     assert pair.core.may_be_armed(pair.t_s) == ("real",)

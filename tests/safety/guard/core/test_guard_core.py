@@ -3,10 +3,6 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from safety.fence.geofence import Fence
-from safety.guard.core.events import ToGcs, ToOrchestrator, ToVehicle, decisive
-from safety.guard.core.operator_command import OperatorCommand
-from safety.model.samples import PoseSample
 from tests.safety.guard.guard_rigs import (
     DRIVER,
     GCS,
@@ -16,10 +12,15 @@ from tests.safety.guard.guard_rigs import (
     setpoint,
     to_orchestrator,
 )
-from vehicles.autopilots.autopilot import Mode, own_heartbeat
-from vehicles.autopilots.failsafes import OWN_SYSTEM_ID
-from vehicles.poses.anchor import Anchor
-from worlds.frames import Pose
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.events import ToGcs, ToOrchestrator, ToVehicle, decisive
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.autopilots.autopilot import Mode, own_heartbeat
+from wil_campaign.vehicles.autopilots.failsafes import OWN_SYSTEM_ID
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.worlds.frames import Pose
 
 
 def test_frames_pass_both_ways_while_all_is_well(pair: Any) -> None:
@@ -59,7 +60,7 @@ def test_a_breach_is_foreseen_and_stops_both_inside(pair: Any) -> None:
     assert pair.core.latched == "fence"
     event = next(event for event in pair.events if event.kind == "fence")
     assert event.vehicle == "real"
-    assert "cannot stop before the fence's side" in event.text
+    assert "cannot stop before the fence's north side" in event.text
     assert pair.vehicles["real"].north_m < 5.0
     pair.fly(20.0)
     assert pair.core.all_down
@@ -98,7 +99,7 @@ def sink(pair: Any) -> None:
     pair.apply(pair.core.position(sample))
 
 
-def test_who_lands_is_not_held_to_the_floor(pair: Any) -> None:
+def test_a_landing_vehicle_is_not_held_to_the_floor(pair: Any) -> None:
     real = pair.vehicles["real"]
     to_orchestrator(pair, "real", mode_command(Mode.LAND))
     real.mode = Mode.LAND
@@ -110,7 +111,7 @@ def test_who_lands_is_not_held_to_the_floor(pair: Any) -> None:
     assert pair.core.latched == "fence", "its sides hold"
 
 
-def test_who_lands_is_held_to_the_sides_of_a_changed_fence(pair: Any) -> None:
+def test_a_landing_vehicle_is_held_to_the_sides_of_a_changed_fence(pair: Any) -> None:
     smaller = Fence.box(north_m=(-2, 2), east_m=(-3, 3), up_m=(-1, 6))
     pair.apply(pair.core.change_fences({"real": smaller}, "anna", pair.t_s))
     assert pair.kinds() == ["geofence"]
@@ -123,13 +124,13 @@ def test_who_lands_is_held_to_the_sides_of_a_changed_fence(pair: Any) -> None:
     assert pair.core.latched == "fence"
 
 
-def test_who_stands_is_not_held_to_the_floor(fake_vehicle: Any, rig: Any) -> None:
+def test_a_standing_vehicle_is_not_held_to_the_floor(fake_vehicle: Any, rig: Any) -> None:
     pair = make_pair(fake_vehicle, rig, real={"up_m": 0.0})
     sink(pair)
     assert pair.core.latched is None
 
 
-def test_who_flies_is_held_to_the_floor(pair: Any) -> None:
+def test_a_flying_vehicle_is_held_to_the_floor(pair: Any) -> None:
     sink(pair)
     assert "real cannot stop before the fence's floor, 0.10 m away" in pair.events[-1].text
 
@@ -308,3 +309,30 @@ def test_a_hold_after_an_abort_is_refused(pair: Any) -> None:
 def test_a_resume_of_nothing_is_refused(pair: Any) -> None:
     pair.apply(pair.core.command(OperatorCommand("resume", "anna"), pair.t_s))
     assert pair.kinds() == ["refused"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "flown_by"),
+    [
+        (mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID),
+        (mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID),
+        (mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA),
+        (mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_PX4),
+    ],
+)
+def test_somebody_elses_heartbeat_is_no_state_and_no_sign_of_life(
+    pair: Any, kind: int, flown_by: int
+) -> None:
+    """It would say disarmed, RTL (px4: MANUAL), critical: a takeover, a failsafe, or a landing."""
+    codec = Codec(system_id=1, component_id=1)
+    for base_mode, mode, status in ((0, 0, 4), (129, 6, 4), (129, 1 << 16, 5)):
+        beat = codec.pack(
+            mavlink.MAVLink_heartbeat_message(kind, flown_by, base_mode, mode, status, 3)
+        )
+        assert pair.core.from_vehicle("real", beat, pair.t_s) == (ToOrchestrator("real", (beat,)),)
+        assert pair.core.may_be_armed(pair.t_s + 2.0) == ("real", "twin")
+    pair.fly(3.0)
+    assert pair.core.latched is None
+    received_s = pair.core.last_received_s("real")
+    pair.core.from_vehicle("real", beat, pair.t_s + 1.0)
+    assert pair.core.last_received_s("real") == received_s

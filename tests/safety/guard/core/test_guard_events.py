@@ -2,7 +2,7 @@
 
 import pytest
 
-from safety.guard.core.events import EventKind, GuardEvent, brings_down, decisive
+from wil_campaign.safety.guard.core.events import EventKind, GuardEvent, brings_down, decisive
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,6 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from safety.guard.core.contingency import Phase
-from safety.guard.core.events import GuardEvent, ToVehicle, decisive
-from safety.guard.core.operator_command import OperatorCommand
 from tests.safety.guard.guard_rigs import (
     DRIVER,
     abort,
@@ -16,7 +13,10 @@ from tests.safety.guard.guard_rigs import (
     setpoint,
     to_orchestrator,
 )
-from vehicles.autopilots.autopilot import Mode, own_heartbeat
+from wil_campaign.safety.guard.core.contingency import Phase
+from wil_campaign.safety.guard.core.events import GuardEvent, ToVehicle, decisive
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.vehicles.autopilots.autopilot import Mode, own_heartbeat
 
 
 def test_abort_brings_both_down_in_order(pair: Any) -> None:
@@ -178,7 +178,7 @@ def test_fence_and_parameters_are_restored_once_all_are_down(pair: Any, frame: b
 
 
 @pytest.mark.parametrize("frame", RESTORING)
-def test_who_is_held_may_be_given_a_fence_and_nothing_that_moves_it(
+def test_a_held_vehicle_may_be_given_a_fence_and_nothing_that_moves_it(
     pair: Any, frame: bytes
 ) -> None:
     pair.apply(pair.core.command(OperatorCommand("hold", "anna"), pair.t_s))

@@ -12,15 +12,15 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from safety.fence.geofence import Fence
-from safety.guard.core.contingency import Phase
-from safety.guard.core.events import GuardedVehicle, ToVehicle
-from safety.guard.core.guard_core import GuardCore
-from safety.guard.core.operator_command import OperatorCommand
-from vehicles.autopilots.ardupilot import ArduCopter
-from vehicles.autopilots.autopilot import Autopilot, Mode, Target, command_long
-from vehicles.autopilots.px4 import Px4
-from vehicles.mavlink.codec import Codec
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.contingency import Phase
+from wil_campaign.safety.guard.core.events import GuardedVehicle, ToVehicle
+from wil_campaign.safety.guard.core.guard_core import GuardCore
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode, Target, command_long
+from wil_campaign.vehicles.autopilots.px4 import Px4
+from wil_campaign.vehicles.mavlink.codec import Codec
 
 FENCE = Fence.box(north_m=(-3, 5), east_m=(-3, 3), up_m=(-1, 6))
 STRATEGIES: dict[str, Autopilot] = {"real": Px4(), "twin": ArduCopter()}

@@ -9,24 +9,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from safety.fence.areas import Circle
-from safety.fence.geofence import Fence
-from safety.fence.stopping import Motion
-from safety.guard.core.events import GuardedVehicle, GuardEvent, ToVehicle
-from safety.guard.core.guard_core import GuardCore
-from safety.guard.core.setpoint_frames import read_setpoint, rewritten
-from safety.guard.core.setpoint_limiter import SetpointLimiter
-from safety.guard.core.setpoint_limits import SetpointLimits
-from safety.model.samples import PoseSample
 from tests.safety.guard.guard_rigs import DRIVER
-from vehicles.autopilots.ardupilot import ArduCopter
-from vehicles.autopilots.autopilot import Autopilot, Target
-from vehicles.autopilots.px4 import Px4
-from vehicles.mavlink.codec import Codec
-from vehicles.mavlink.framing import Frame, FrameSplitter, frame_header
-from vehicles.poses.anchor import Anchor
-from vehicles.setpoints import PositionSetpoint, VelocitySetpoint
-from worlds.frames import Pose, Vec3, norm, subtract
+from wil_campaign.safety.fence.areas import Circle
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.fence.stopping import Motion
+from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardEvent, ToVehicle
+from wil_campaign.safety.guard.core.guard_core import GuardCore
+from wil_campaign.safety.guard.core.setpoint_frames import read_setpoint, rewritten
+from wil_campaign.safety.guard.core.setpoint_limiter import SetpointLimiter
+from wil_campaign.safety.guard.core.setpoint_limits import SetpointLimits
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
+from wil_campaign.vehicles.autopilots.px4 import Px4
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter, frame_header
+from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.vehicles.setpoints import PositionSetpoint, VelocitySetpoint
+from wil_campaign.worlds.frames import Pose, Vec3, norm, subtract
 
 FENCE = Fence.box(north_m=(-3, 5), east_m=(-3, 3), up_m=(0, 4))
 LATENCY_S, BRAKING_M_S2 = 0.5, 2.5

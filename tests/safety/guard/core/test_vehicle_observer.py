@@ -5,13 +5,13 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from safety.guard.core.events import GuardedVehicle, GuardSettings
-from safety.guard.core.vehicle_observer import ObservedVehicle
 from tests.vehicles.px4_modes import px4_custom_mode
-from vehicles.autopilots.ardupilot import ArduCopter
-from vehicles.autopilots.autopilot import Autopilot, Target
-from vehicles.autopilots.px4 import Px4
-from vehicles.mavlink.codec import Codec
+from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
+from wil_campaign.safety.guard.core.vehicle_observer import ObservedVehicle
+from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
+from wil_campaign.vehicles.autopilots.px4 import Px4
+from wil_campaign.vehicles.mavlink.codec import Codec
 
 ACTIVE, CRITICAL = mavlink.MAV_STATE_ACTIVE, mavlink.MAV_STATE_CRITICAL
 ALT_HOLD, GUIDED, LOITER = 2, 4, 5

@@ -2,10 +2,10 @@
 
 import pytest
 
-from safety.fence.stopping import Motion
-from safety.guard.core.velocity_command import VelocityCommand
-from vehicles.setpoints import PositionSetpoint, VelocitySetpoint
-from worlds.frames import Vec3
+from wil_campaign.safety.fence.stopping import Motion
+from wil_campaign.safety.guard.core.velocity_command import VelocityCommand
+from wil_campaign.vehicles.setpoints import PositionSetpoint, VelocitySetpoint
+from wil_campaign.worlds.frames import Vec3
 
 EAST: Vec3 = (0.0, 3.0, 0.0)
 FLYING = Motion((0.0, 0.0, -1.0), (1.0, 0.0, 0.0))

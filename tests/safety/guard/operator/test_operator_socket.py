@@ -10,9 +10,13 @@ from typing import Any
 
 import pytest
 
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.operator import operator_socket
-from safety.guard.operator.operator_socket import MOST_CLIENTS, MOST_WATCHERS, OperatorSocket
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.operator import operator_socket
+from wil_campaign.safety.guard.operator.operator_socket import (
+    MOST_CLIENTS,
+    MOST_WATCHERS,
+    OperatorSocket,
+)
 
 
 class Controller:

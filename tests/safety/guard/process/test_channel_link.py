@@ -7,14 +7,20 @@ from collections.abc import Sequence
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from safety.guard.process.channel import LONGEST_PACKET_BYTES, Channel, channel_pair
-from safety.guard.process.channel_link import ChannelLink
-from safety.guard.process.messages import Bytes, ToOrchestrator, Unread, to_guard, to_orchestrator
-from vehicles.autopilots.autopilot import Target
-from vehicles.driver.session.arrivals import STEP_S
-from vehicles.driver.session.session import Session
-from vehicles.links.tapped import TappedLink
-from vehicles.mavlink.codec import Codec
+from wil_campaign.safety.guard.process.channel import LONGEST_PACKET_BYTES, Channel, channel_pair
+from wil_campaign.safety.guard.process.channel_link import ChannelLink
+from wil_campaign.safety.guard.process.messages import (
+    Bytes,
+    ToOrchestrator,
+    Unread,
+    to_guard,
+    to_orchestrator,
+)
+from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.driver.session.arrivals import STEP_S
+from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.links.tapped import TappedLink
+from wil_campaign.vehicles.mavlink.codec import Codec
 
 PERIOD_S = 0.04
 AUTOPILOT, CAMERA = Codec(system_id=1, component_id=1), Codec(system_id=1, component_id=100)

@@ -9,13 +9,13 @@ from functools import partial
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.model.clock import run_virtual
-from safety.guard.process.clock_follower import ClockFollower, boot_s_of
-from safety.guard.process.run_clock import PaceSetup
-from vehicles.clocks.sim_clock_controller import STEP_S, Segment
-from vehicles.links.memory import memory_pair
-from vehicles.mavlink.codec import Codec
-from vehicles.mavlink.framing import frame_header
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.safety.guard.process.clock_follower import ClockFollower, boot_s_of
+from wil_campaign.safety.guard.process.run_clock import PaceSetup
+from wil_campaign.vehicles.clocks.sim_clock_controller import STEP_S, Segment
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.framing import frame_header
 
 CODEC = {"real": Codec(system_id=1, component_id=1), "twin": Codec(system_id=2, component_id=1)}
 
@@ -151,7 +151,7 @@ def test_a_leader_that_waits_leaves_a_twin_that_does_not() -> None:
     assert "ahead of" in said[0][2]
 
 
-def test_who_is_no_vehicle_of_ours_sets_no_clock() -> None:
+def test_a_vehicle_that_is_not_ours_sets_no_clock() -> None:
     async def await_piece() -> bool:
         wall = Wall()
         following = ClockFollower(

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from safety.fence.geofence import Fence
-from safety.guard.core.events import EventKind, GuardEvent
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.process.channel import Channel, channel_pair
-from safety.guard.process.messages import (
+from tests.safety.guard.remote_rigs import guard_config
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.events import EventKind, GuardEvent
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.process.channel import Channel, channel_pair
+from wil_campaign.safety.guard.process.messages import (
     Alive,
     Bytes,
     EventMessage,
@@ -21,11 +22,10 @@ from safety.guard.process.messages import (
     ToGuard,
     to_guard,
 )
-from safety.guard.process.remote_guard import RemoteGuard
-from safety.model.samples import PoseSample
-from tests.safety.guard.remote_rigs import guard_config
-from vehicles.processes.codec import Message
-from worlds.frames import Pose
+from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.processes.codec import Message
+from wil_campaign.worlds.frames import Pose
 
 AT_REST = (0.0, 0.0, 0.0)
 

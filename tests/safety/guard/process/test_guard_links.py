@@ -13,21 +13,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from safety.guard.core.events import GuardedVehicle, GuardSettings
-from safety.guard.process.guard_config import GuardConfig, GuardConfigError, Guarded
-from safety.guard.process.remote_guard import RemoteGuard
 from tests.ports import free_port
 from tests.safety.guard.remote_rigs import ROOT, RemoteFlight, guard_config, until
-from vehicles.autopilots.autopilot import Target, own_heartbeat
-from vehicles.autopilots.px4 import Px4
-from vehicles.links.impairment import Bursts, Impairment, LinkOutage
-from vehicles.links.link import LinkError
-from vehicles.links.link_conditions import KeySource, LinkConditions
-from vehicles.links.link_strings import parse_link
-from vehicles.links.signed_link import SignedLink
-from vehicles.links.udp import UdpLink
-from vehicles.mavlink.codec import Codec
-from vehicles.mavlink.signing_key import key_from_environment
+from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
+from wil_campaign.safety.guard.process.guard_config import GuardConfig, GuardConfigError, Guarded
+from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
+from wil_campaign.vehicles.autopilots.autopilot import Target, own_heartbeat
+from wil_campaign.vehicles.autopilots.px4 import Px4
+from wil_campaign.vehicles.links.impairment import Bursts, Impairment, LinkOutage
+from wil_campaign.vehicles.links.link import LinkError
+from wil_campaign.vehicles.links.link_conditions import KeySource, LinkConditions
+from wil_campaign.vehicles.links.link_strings import parse_link
+from wil_campaign.vehicles.links.signed_link import SignedLink
+from wil_campaign.vehicles.links.udp import UdpLink
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.signing_key import key_from_environment
 
 KEY = "passphrase:of the test"
 

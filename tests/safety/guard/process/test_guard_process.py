@@ -17,19 +17,6 @@ from typing import Any
 import pytest
 from pymavlink import mavutil
 
-from orchestrator.doctor.machine import granted_to_guard
-from safety.fence.geofence import Fence
-from safety.guard.core.contingency import Phase
-from safety.guard.core.events import GuardEvent, decisive
-from safety.guard.core.operator_command import OperatorCommand
-from safety.guard.operator.operator_socket import POINTER
-from safety.guard.process import guard_process, guard_stderr
-from safety.guard.process.guard_process import GuardProcess
-from safety.guard.process.guard_stderr import logging_in_thread
-from safety.guard.process.messages import AnchorAt
-from safety.guard.process.orphaned_processes import reap_orphans, records
-from safety.guard.process.remote_guard import RemoteGuard
-from safety.guard.process.runtime_folder import open_runtime_folder
 from tests.safety.guard.remote_rigs import (
     LOST_S,
     ROOT,
@@ -41,14 +28,27 @@ from tests.safety.guard.remote_rigs import (
     until,
     words,
 )
-from vehicles.links.link import LinkError
-from vehicles.processes.identity import ProcessId
+from wil_campaign.orchestrator.doctor.machine import granted_to_guard
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.contingency import Phase
+from wil_campaign.safety.guard.core.events import GuardEvent, decisive
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.operator.operator_socket import POINTER
+from wil_campaign.safety.guard.process import guard_process, guard_stderr
+from wil_campaign.safety.guard.process.guard_process import GuardProcess
+from wil_campaign.safety.guard.process.guard_stderr import logging_in_thread
+from wil_campaign.safety.guard.process.messages import AnchorAt
+from wil_campaign.safety.guard.process.orphaned_processes import reap_orphans, records
+from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
+from wil_campaign.safety.guard.process.runtime_folder import open_runtime_folder
+from wil_campaign.vehicles.links.link import LinkError
+from wil_campaign.vehicles.processes.identity import ProcessId
 
 RR = os.SCHED_RR
 TOKEN = "of the test"  # noqa: S105 - opens nothing
 LOGS_TO_ITS_END = """
 import logging, sys
-from safety.guard.process.guard_stderr import logging_in_thread
+from wil_campaign.safety.guard.process.guard_stderr import logging_in_thread
 with logging_in_thread():
     for _ in range(100):
         logging.getLogger("of a link").warning("." * 10_000)

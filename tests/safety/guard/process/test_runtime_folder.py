@@ -1,19 +1,20 @@
 """The folder of sockets is this user's alone, whatever others put in its place."""
 
 import os
+import pwd
 from pathlib import Path
 
 import pytest
 
-from orchestrator.operator.campaign_records import CampaignRecord, places
-from safety.guard.process.runtime_folder import (
+from wil_campaign.orchestrator.operator.campaign_records import CampaignRecord, places
+from wil_campaign.safety.guard.process.runtime_folder import (
     RuntimeFolderError,
     open_runtime_folder,
     runtime_folders,
     sweep,
     unsafe_folders,
 )
-from vehicles.driver.onboard.crash_safe_file import CrashSafeFile
+from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile
 
 
 @pytest.fixture(autouse=True)
@@ -105,3 +106,29 @@ def test_what_dead_processes_left_is_swept(usual: Path) -> None:
         (folder / name).touch()
     sweep(folder)
     assert sorted(folder.iterdir()) == sorted(stays)
+
+
+def test_a_user_without_a_home_has_the_usual_folder_alone(
+    usual: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unknown(uid: int) -> None:
+        raise KeyError(uid)
+
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr(pwd, "getpwuid", unknown)
+    assert open_runtime_folder().path == usual
+    usual.rmdir()
+    usual.write_text("in the way")
+    with pytest.raises(RuntimeFolderError, match="set XDG_RUNTIME_DIR to a folder of your own"):
+        open_runtime_folder()
+
+
+def test_a_folder_in_which_sockets_of_multiprocessing_have_too_long_paths_is_not_used(
+    short_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    long = short_folder / ("x" * 60)
+    long.mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(long))
+    path = open_runtime_folder().path / "pymp-abcdefgh" / "listener-abcdefgh"
+    assert not path.is_relative_to(long)
+    assert len(os.fsencode(path)) <= 107

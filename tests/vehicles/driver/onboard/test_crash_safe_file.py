@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from vehicles.driver.onboard.crash_safe_file import CrashSafeFile
+from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile
 
 SUFFIX = ".test.json"
 

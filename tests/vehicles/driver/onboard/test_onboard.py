@@ -12,26 +12,30 @@ import numpy as np
 import pytest
 from pymavlink import DFReader
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from pyulog import ULog  # type: ignore[import-untyped]  # ships no types
+from pyulog import ULog
 
-from orchestrator.model.clock import run_virtual
 from tests.ports import free_port
-from vehicles.autopilots.autopilot import AutopilotName, Target
-from vehicles.driver import Driver
-from vehicles.driver.onboard.fence_protocol import AutopilotFence
-from vehicles.driver.onboard.mission_protocol import ItemList, MissionError, MissionItem
-from vehicles.driver.onboard.onboard_fence import OnboardFence
-from vehicles.driver.onboard.vehicle_logs import LogEntry, LogError, VehicleLogs
-from vehicles.driver.session.session import Session
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.errors import ParameterError
-from vehicles.links.impaired import ImpairedLink
-from vehicles.links.impairment import Impairment
-from vehicles.links.link_factory import open_link
-from vehicles.links.link_strings import parse_link
-from vehicles.links.memory import memory_pair
-from vehicles.mavlink.fence_areas import FenceCircle, FencePolygon, Place
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Target
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.onboard.fence_protocol import AutopilotFence
+from wil_campaign.vehicles.driver.onboard.mission_protocol import (
+    ItemList,
+    MissionError,
+    MissionItem,
+)
+from wil_campaign.vehicles.driver.onboard.onboard_fence import OnboardFence
+from wil_campaign.vehicles.driver.onboard.vehicle_logs import LogEntry, LogError, VehicleLogs
+from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.errors import ParameterError
+from wil_campaign.vehicles.links.impaired import ImpairedLink
+from wil_campaign.vehicles.links.impairment import Impairment
+from wil_campaign.vehicles.links.link_factory import open_link
+from wil_campaign.vehicles.links.link_strings import parse_link
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle, FencePolygon, Place
 
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 GOOD = Impairment()
@@ -224,6 +228,7 @@ def test_the_fence_that_was_there_is_there_again(autopilot: AutopilotName) -> No
 def test_a_fence_is_set_back_when_its_parameters_are_refused() -> None:
     async def script(driver: Driver, vehicle: EmbeddedVehicle) -> None:
         # An autopilot of another version, where the parameter has another name.
+        await asyncio.sleep(1.0)  # until the list that the driver requests has been sent
         vehicle.autopilot.parameters._entries.pop("FENCE_ALT_MAX")
         fence = AutopilotFence(areas=(AROUND,), ceiling_m=10.0)
         with pytest.raises(ParameterError, match="FENCE_ALT_MAX"):
@@ -351,6 +356,28 @@ def test_a_log_of_an_unidentified_vehicle_leaves_no_file(tmp_path: Path) -> None
         await logs.fetch(LogEntry(1, 1000, None), tmp_path)
 
     with pytest.raises(LogError, match="no vehicle is identified yet"):
+        run_virtual(fetch())
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("size_bytes", [0, 1000])
+def test_an_empty_log_is_no_file(
+    fake_pair: Callable[..., Any], size_bytes: int, tmp_path: Path
+) -> None:
+    """One that its entry says is empty, and one that ends before its first byte."""
+
+    def end_at_once(peer: Any, message: Any) -> None:
+        peer.say(mavlink.MAVLink_log_data_message(message.id, 0, 0, [0] * 90))
+
+    async def fetch() -> None:
+        ours, peer = fake_pair()
+        session = Session(link=ours, own=Target(245, 190))
+        session.target = Target(1, 1)
+        peer.replies["LOG_REQUEST_DATA"] = end_at_once
+        async with peer, ours:
+            await VehicleLogs(session=session).fetch(LogEntry(3, size_bytes, None), tmp_path)
+
+    with pytest.raises(LogError, match="log 3 is empty"):
         run_virtual(fetch())
     assert list(tmp_path.iterdir()) == []
 

@@ -12,23 +12,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from orchestrator.model.clock import run_virtual
 from tests.vehicles.driver.onboard.slow_disks import SlowDisk, end_threads
-from vehicles.autopilots.autopilot import AutopilotName
-from vehicles.driver import Driver
-from vehicles.driver.onboard import disk_access, onboard_fence
-from vehicles.driver.onboard.crash_safe_file import CrashSafeFile
-from vehicles.driver.onboard.fence_backup import restore_fence
-from vehicles.driver.onboard.fence_protocol import AutopilotFence
-from vehicles.driver.onboard.mission_protocol import MissionError
-from vehicles.driver.onboard.onboard_fence import OnboardFence
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.errors import ParameterError, VehicleError
-from vehicles.links.impaired import ImpairedLink
-from vehicles.links.impairment import Impairment
-from vehicles.links.memory import memory_pair
-from vehicles.mavlink.fence_areas import FenceCircle, Place
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.onboard import disk_access, onboard_fence
+from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile
+from wil_campaign.vehicles.driver.onboard.fence_backup import restore_fence
+from wil_campaign.vehicles.driver.onboard.fence_protocol import AutopilotFence
+from wil_campaign.vehicles.driver.onboard.mission_protocol import MissionError
+from wil_campaign.vehicles.driver.onboard.onboard_fence import OnboardFence
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.errors import ParameterError, VehicleError
+from wil_campaign.vehicles.links.impaired import ImpairedLink
+from wil_campaign.vehicles.links.impairment import Impairment
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle, Place
 
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 HOME = Place(47.397742, 8.545594)

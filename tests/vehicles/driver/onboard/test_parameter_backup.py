@@ -11,18 +11,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from orchestrator.model.clock import run_virtual
 from tests.vehicles.driver.onboard.slow_disks import SlowDisk, end_threads
-from vehicles.driver.onboard import disk_access
-from vehicles.driver.onboard.crash_safe_file import CrashSafeFile
-from vehicles.driver.onboard.parameter_backup import (
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.driver.onboard import disk_access
+from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile
+from wil_campaign.vehicles.driver.onboard.parameter_backup import (
     ParameterBackup,
     ParameterValue,
     Restored,
     restore_backups,
 )
-from vehicles.driver.onboard.parameters import _as_float32
-from vehicles.errors import ParameterError
+from wil_campaign.vehicles.driver.onboard.parameters import _as_float32
+from wil_campaign.vehicles.errors import ParameterError
 
 
 class Access:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.driver.session.arrivals import STEP_S, Arrivals
+from wil_campaign.vehicles.driver.session.arrivals import STEP_S, Arrivals
 
 _GAPS_S = st.lists(st.floats(0.001, 2.0), min_size=1, max_size=60)
 

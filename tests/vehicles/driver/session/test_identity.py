@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from orchestrator.model.clock import run_virtual
-from vehicles.autopilots.autopilot import Target
-from vehicles.autopilots.px4 import Px4
-from vehicles.driver import Driver
-from vehicles.driver.session.identity import (
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.autopilots.autopilot import Target
+from wil_campaign.vehicles.autopilots.px4 import Px4
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.driver.session.identity import (
     Identity,
     Wanted,
     describe_mismatches,
@@ -19,9 +19,10 @@ from vehicles.driver.session.identity import (
     matching_vehicle,
     same_vehicle,
 )
-from vehicles.driver.session.session import ReceivedHeartbeat
-from vehicles.embedded.autopilot.flight.autopilot_state import Identity as Embedded
-from vehicles.embedded.autopilot.px4 import px4_telemetry
+from wil_campaign.vehicles.driver.session.session import ReceivedHeartbeat, Sender
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity as Embedded
+from wil_campaign.vehicles.embedded.autopilot.px4 import px4_telemetry
+from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind
 
 CONSTANT = 0x4954414C44494E4F
 
@@ -57,7 +58,8 @@ def test_a_board_is_none() -> None:
 def test_an_autopilot_with_another_component_id_is_refused() -> None:
     """Guard and redundant links read the frames of component 1 only."""
     heartbeat = ReceivedHeartbeat(mavlink.MAVLink_heartbeat_message(2, 12, 29, 0, 3, 3), 0.0, 2)
-    other, one = {Target(1, 2): heartbeat}, {Target(1, 1): heartbeat}
+    kind = HeartbeatKind(2, 12)
+    other, one = {Sender(1, 2, kind): heartbeat}, {Sender(1, 1, kind): heartbeat}
     assert matching_vehicle(other, Wanted()) is None
     assert describe_mismatches(other, Wanted()) == (
         "system 1 component 2 is px4, and only autopilots with component id 1 are supported; set "
@@ -65,7 +67,7 @@ def test_an_autopilot_with_another_component_id_is_refused() -> None:
     )
     found = matching_vehicle({**other, **one}, Wanted())
     assert found is not None
-    assert found[0] == Target(1, 1)
+    assert found[0].target == Target(1, 1)
 
 
 REQUEST = f"COMMAND_LONG:{mavlink.MAV_CMD_REQUEST_MESSAGE}"

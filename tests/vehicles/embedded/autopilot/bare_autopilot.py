@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.physics.body import Body
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.physics.motion_kernel import NUMBERS
-from vehicles.embedded.vehicle import build_autopilot
-from vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.embedded.physics.body import Body
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.physics.motion_kernel import NUMBERS
+from wil_campaign.vehicles.embedded.vehicle import build_autopilot
+from wil_campaign.vehicles.mavlink.codec import Codec
 
 TURN_S = 0.02
 READY_S = {"px4": 7.0, "ardupilot": 42.0}

@@ -16,9 +16,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
-from vehicles.embedded.autopilot.copter.copter import ArduCopter
-from vehicles.embedded.autopilot.px4.px4 import Px4
-from vehicles.embedded.autopilot.services.command_registry import marked
+from wil_campaign.vehicles.embedded.autopilot.copter.copter import ArduCopter
+from wil_campaign.vehicles.embedded.autopilot.px4.px4 import Px4
+from wil_campaign.vehicles.embedded.autopilot.services.command_registry import marked
 
 Scenario = Callable[[Any], Any]
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])

@@ -8,13 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.embedded.autopilot.copter.copter_core import CopterCore
-from vehicles.embedded.autopilot.flight.parameter_table import Parameters, load_parameters
-from vehicles.embedded.autopilot.px4.px4_core import Px4Core
-from vehicles.embedded.control.law import COPTER, PX4, ControlLaw, LawKind
-from vehicles.embedded.control.target import Target
-from vehicles.embedded.physics.airframe import Airframe
-from worlds.jit import F64
+from wil_campaign.vehicles.embedded.autopilot.copter.copter_core import CopterCore
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import (
+    Parameters,
+    load_parameters,
+)
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_core import Px4Core
+from wil_campaign.vehicles.embedded.control.law import COPTER, PX4, ControlLaw, LawKind
+from wil_campaign.vehicles.embedded.control.target import Target
+from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.worlds.jit import F64
 
 AIRFRAME = Airframe()
 STEP_S = 0.004

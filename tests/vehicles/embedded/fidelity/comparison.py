@@ -8,8 +8,8 @@ from statistics import median
 
 import numpy as np
 
-from vehicles.autopilots.autopilot import AutopilotName
-from vehicles.step_response.segments import Sample, Series
+from wil_campaign.plugins.step_response.segments import Sample, Series
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 
 _HERE = Path(__file__).parent
 

@@ -5,18 +5,18 @@ Over a link in memory with 3 ms, by the driver and the flight of the product.
 
 from collections.abc import Mapping
 
-from orchestrator.model.clock import run_virtual
-from vehicles.autopilots.autopilot import AutopilotName, Target
-from vehicles.autopilots.registry import autopilot_named
-from vehicles.driver import Driver
-from vehicles.embedded.physics.config import EmbeddedConfig
-from vehicles.embedded.profile import load_profile
-from vehicles.embedded.vehicle import EmbeddedVehicle
-from vehicles.links.memory import memory_pair
-from vehicles.links.tapped import TappedLink
-from vehicles.step_response.event_order import EventTrace, OrderRow, order_rows
-from vehicles.step_response.flight import StepFlight
-from vehicles.step_response.segments import Series
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.plugins.step_response.event_order import EventTrace, OrderRow, order_rows
+from wil_campaign.plugins.step_response.flight import StepFlight
+from wil_campaign.plugins.step_response.segments import Series
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Target
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.driver import Driver
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.profile import load_profile
+from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
+from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.links.tapped import TappedLink
 
 PROFILES: dict[AutopilotName, str] = {"px4": "px4-sih", "ardupilot": "ardupilot-sitl"}
 

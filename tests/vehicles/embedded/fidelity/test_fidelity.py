@@ -11,15 +11,15 @@ from tests.vehicles.embedded.fidelity.comparison import (
     scatter,
 )
 from tests.vehicles.embedded.fidelity.step_flight import fly_steps
-from vehicles.autopilots.autopilot import AutopilotName
-from vehicles.step_response.comparison import LIMIT, compare, load_ranges
-from vehicles.step_response.event_order import OrderRow
-from vehicles.step_response.figures import figures_of
-from vehicles.step_response.segments import Series
+from wil_campaign.plugins.step_response.comparison import LIMIT, compare, load_ranges
+from wil_campaign.plugins.step_response.event_order import OrderRow
+from wil_campaign.plugins.step_response.figures import figures_of
+from wil_campaign.plugins.step_response.segments import Series
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 
 FARTHEST_M = 0.15
 SCATTERS = {"px4": {"back 0.4", "back 0.8", "back 1.5"}, "ardupilot": set()}
-"""Two flights of PX4 are 0.17 to 0.24 m from each other there, 0.5 m at most: see docs/vehicle.md.
+"""Two flights of PX4 are 0.17 to 0.24 m from each other there, 0.5 m at most: docs/decisions/0047.
 
 They begin where the stop before ended, and that is where the velocity estimate said so.
 """

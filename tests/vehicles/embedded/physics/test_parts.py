@@ -10,17 +10,24 @@ import pytest
 from hypothesis import strategies as st
 
 from tests.vehicles.embedded.charge import set_remaining
-from vehicles.embedded.physics.airframe import Airframe, aircraft_root, aircraft_xml
-from vehicles.embedded.physics.battery import Battery
-from vehicles.embedded.physics.estimator import Estimator
-from vehicles.embedded.physics.mocap_feed import MotionCaptureFeed
-from vehicles.embedded.physics.noise import GaussMarkov
-from vehicles.embedded.physics.plant import Plant, PlantError
-from vehicles.embedded.physics.states import AT_REST, STOPPED, Motion, TruthSample, motion_of
-from vehicles.embedded.profile import ProfileError, list_profiles, load_profile
-from worlds.files.documents import BadInput
-from worlds.frames import Pose, angle_between
-from worlds.jit import F64
+from wil_campaign.vehicles.embedded.physics import plant as plant_module
+from wil_campaign.vehicles.embedded.physics.airframe import Airframe, aircraft_root, aircraft_xml
+from wil_campaign.vehicles.embedded.physics.battery import Battery
+from wil_campaign.vehicles.embedded.physics.estimator import Estimator
+from wil_campaign.vehicles.embedded.physics.mocap_feed import MotionCaptureFeed
+from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
+from wil_campaign.vehicles.embedded.physics.plant import Plant, PlantError
+from wil_campaign.vehicles.embedded.physics.states import (
+    AT_REST,
+    STOPPED,
+    Motion,
+    TruthSample,
+    motion_of,
+)
+from wil_campaign.vehicles.embedded.profile import ProfileError, list_profiles, load_profile
+from wil_campaign.worlds.files.documents import BadInput
+from wil_campaign.worlds.frames import Pose, angle_between
+from wil_campaign.worlds.jit import F64
 
 AIRFRAME = Airframe()
 NOMINAL, CAGE = load_profile("nominal"), load_profile("cage")
@@ -278,3 +285,9 @@ def test_the_battery_drains_sags_and_fades() -> None:
     assert battery.thrust_factor == 0.0
     battery.drain(4.9, 10.0)
     assert battery.charge.remaining == 0.0
+
+
+def test_without_jsbsim_the_error_says_what_flies_instead(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plant_module, "jsbsim", None)
+    with pytest.raises(PlantError, match=r"not installed here .* attach or launch the vehicle"):
+        plant()

@@ -3,7 +3,6 @@
 import asyncio
 import os
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Callable
@@ -13,15 +12,16 @@ import pytest
 
 from tests.ports import free_port
 from tests.vehicles.embedded.embedded_process import EmbeddedProcess
-from vehicles.embedded.physics.states import TruthSample
-from vehicles.embedded.process.embedded_launch import FeedClient
-from vehicles.embedded.process.embedded_process import main
-from vehicles.embedded.process.process_settings import ProcessSettings, Start
-from vehicles.faults import Fault
-from vehicles.links.link import LinkError
-from vehicles.links.link_strings import parse_link
-from vehicles.links.udp import UdpLink
-from vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.embedded.process.embedded_launch import FeedClient
+from wil_campaign.vehicles.embedded.process.embedded_process import main
+from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings, Start
+from wil_campaign.vehicles.faults import Fault
+from wil_campaign.vehicles.links.link import LinkError
+from wil_campaign.vehicles.links.link_strings import parse_link
+from wil_campaign.vehicles.links.udp import UdpLink
+from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.processes.feed_socket import feed_pair
 
 
 def alive(pid: int) -> bool:
@@ -141,7 +141,7 @@ async def test_what_it_cannot_do_is_reported() -> None:
 PARENT = """
 import asyncio, sys
 from tests.vehicles.embedded.embedded_process import EmbeddedProcess
-from vehicles.embedded.process.process_settings import ProcessSettings
+from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 
 async def main():
     link = "udpout://127.0.0.1:" + sys.argv[1]
@@ -166,17 +166,11 @@ async def test_it_does_not_outlive_a_parent_that_is_killed() -> None:
     assert await gone(pid)
 
 
-async def test_a_taken_feed_port_is_an_error() -> None:
-    async with FeedClient(source="real") as first:
-        with pytest.raises(LinkError, match="feed udp"):
-            async with FeedClient(source="real", port=first.port):
-                pytest.fail("it opened")
-
-
 async def test_garbage_on_the_feed_is_counted() -> None:
-    async with FeedClient(source="real") as client:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-            stranger.sendto(b"hello", ("127.0.0.1", client.port))
+    ours, theirs = feed_pair()
+    async with FeedClient(source="real", end=ours) as client:
+        with theirs:
+            theirs.send(b"hello")
         async with asyncio.timeout(60.0):
             while client.garbage == 0:  # noqa: ASYNC110 - a counter has no event
                 await asyncio.sleep(0.01)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.embedded.physics.states import TruthSample
-from vehicles.embedded.process.feed import (
+from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.embedded.process.feed import (
     MakeFault,
     Mocap,
     ToVehicle,
@@ -18,9 +18,9 @@ from vehicles.embedded.process.feed import (
     is_finite,
     to_vehicle,
 )
-from vehicles.processes.codec import MessageError
-from vehicles.readings import PoseReading
-from worlds.frames import Pose
+from wil_campaign.vehicles.processes.codec import MessageError
+from wil_campaign.vehicles.readings import PoseReading
+from wil_campaign.worlds.frames import Pose
 
 number = st.floats(-1e30, 1e30)
 place = st.tuples(number, number, number)

@@ -11,11 +11,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.ports import free_port
 from tests.vehicles.embedded.embedded_process import EmbeddedProcess
-from vehicles.embedded.process.process_settings import ProcessSettings
-from vehicles.links.link import LinkError
-from vehicles.links.link_strings import parse_link
-from vehicles.links.udp import UdpLink
-from vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
+from wil_campaign.vehicles.links.link import LinkError
+from wil_campaign.vehicles.links.link_strings import parse_link
+from wil_campaign.vehicles.links.udp import UdpLink
+from wil_campaign.vehicles.mavlink.codec import Codec
 
 WITHIN_S = 60.0
 CLIENTS = 20

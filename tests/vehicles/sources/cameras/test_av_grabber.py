@@ -10,9 +10,9 @@ import cv2
 import pytest
 
 from tests.vehicles.sources.conftest import known_picture, number_of
-from vehicles.sources.camera_source import SourceError
-from vehicles.sources.cameras.av_grabber import AvGrabber
-from vehicles.sources.cameras.av_input import AvInput
+from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.vehicles.sources.cameras.av_grabber import AvGrabber
+from wil_campaign.vehicles.sources.cameras.av_input import AvInput
 
 GROUP = 10
 
@@ -57,7 +57,7 @@ def grabbed(source: AvInput) -> list[int | None]:
 
 
 @pytest.mark.parametrize("joined", [0, 1, 4, 9])
-def test_who_joins_late_starts_at_a_key_picture_and_nothing_is_damaged(
+def test_a_late_reader_starts_at_a_key_picture_and_nothing_is_damaged(
     joined: int, tmp_path: Path
 ) -> None:
     found = grabbed(stream(tmp_path / "v.h264", range(joined, 50)))

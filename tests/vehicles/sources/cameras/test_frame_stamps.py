@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from vehicles.readings import CameraReading
-from vehicles.sources.camera_source import ImageChangedError
-from vehicles.sources.cameras.frame_stamps import Stamper
-from worlds.camera import Intrinsics
+from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.vehicles.sources.camera_source import ImageChangedError
+from wil_campaign.vehicles.sources.cameras.frame_stamps import Stamper
+from wil_campaign.worlds.camera import Intrinsics
 
 SMALL = Intrinsics.from_fov(8, 6, 1.0)
 PICTURE = np.zeros((6, 8, 3), np.uint8)

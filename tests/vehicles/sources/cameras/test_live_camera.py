@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from tests.vehicles.sources.pumping import pump
-from vehicles.sources.camera_source import (
+from wil_campaign.vehicles.sources.camera_source import (
     CameraSource,
     ImageChangedError,
     SourceError,
     SourceStalledError,
 )
-from vehicles.sources.cameras.live_camera import GrabbedImage, LiveCamera
-from worlds.camera import Intrinsics
+from wil_campaign.vehicles.sources.cameras.live_camera import GrabbedImage, LiveCamera
+from wil_campaign.worlds.camera import Intrinsics
 
 SMALL = Intrinsics.from_fov(8, 6, 1.0)
 

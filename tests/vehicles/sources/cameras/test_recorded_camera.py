@@ -15,17 +15,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from mcap.writer import Writer
+from mcap.writer import IndexType, Writer
 
-from orchestrator.model.clock import run_virtual
-from vehicles.readings import CameraReading
-from vehicles.sources.camera_source import CameraSource, ImageChangedError, SourceError
-from vehicles.sources.cameras.compressed_image import CompressedImage, decoder_for
-from vehicles.sources.cameras.image_files import ImageFolder, VideoFile
-from vehicles.sources.cameras.mcap_images import McapFile
-from vehicles.sources.cameras.recorded_camera import ImageFile, RecordedCamera
-from vehicles.sources.messagepack import BadMessageError
-from worlds.camera import Intrinsics
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.vehicles.sources.camera_source import CameraSource, ImageChangedError, SourceError
+from wil_campaign.vehicles.sources.cameras.compressed_image import CompressedImage, decoder_for
+from wil_campaign.vehicles.sources.cameras.image_files import ImageFolder, VideoFile
+from wil_campaign.vehicles.sources.cameras.mcap_images import McapFile
+from wil_campaign.vehicles.sources.cameras.recorded_camera import ImageFile, RecordedCamera
+from wil_campaign.vehicles.sources.messagepack import BadMessageError
+from wil_campaign.worlds.camera import Intrinsics
 
 SMALL = Intrinsics.from_fov(64, 48, 1.0)
 
@@ -209,10 +209,24 @@ KINDS = {
 }
 
 
-def mcap(path: Path, kind: str, topics: list[str], images: list[bytes]) -> Path:
-    schema, encoding, encode = KINDS[kind]
+def stamped_mcap(path: Path, stamps_s: list[float], logged_s: list[float]) -> Path:
+    """Write images with these stamps and log times."""
     with path.open("wb") as stream:
         writer = Writer(stream)
+        writer.start()
+        schema_id = writer.register_schema("sensor_msgs/msg/CompressedImage", "x", b"")
+        channel = writer.register_channel("/camera", "cdr", schema_id)
+        for stamp_s, log_s in zip(stamps_s, logged_s, strict=True):
+            message = ros2(int(stamp_s), round(stamp_s % 1.0 * 1e9), JPEG)
+            writer.add_message(channel, round(log_s * 1e9), message, round(log_s * 1e9))
+        writer.finish()  # type: ignore[no-untyped-call]  # of mcap
+    return path
+
+
+def mcap(path: Path, kind: str, topics: list[str], images: list[bytes], **options: Any) -> Path:
+    schema, encoding, encode = KINDS[kind]
+    with path.open("wb") as stream:
+        writer = Writer(stream, **options)
         writer.start()
         schema_id = writer.register_schema(schema, "x", b"")
         for topic in topics:
@@ -232,11 +246,75 @@ def test_mcap_images_play_by_their_own_stamps(kind: str, tmp_path: Path) -> None
     assert levels(readings) == [3, 3, 3]
 
 
+EPOCH_S = 1_790_000_000.0
+
+
+@pytest.mark.parametrize(
+    ("stamps_s", "offsets_s"),
+    [
+        ([0.0, 0.2, 0.4, 0.6], [0.0, 0.1, 0.3, 0.5]),
+        ([0.0, EPOCH_S + 0.1, EPOCH_S + 0.2, EPOCH_S + 0.35], [0.0, 0.1, 0.2, 0.35]),
+        ([EPOCH_S, 0.0, 0.0, EPOCH_S + 0.3], [0.0, 0.1, 0.2, 0.3]),
+        ([0.0] * 4, [0.0, 0.1, 0.2, 0.3]),
+        ([5.0, 12.0, 19.0, 26.0], [0.0, 7.0, 14.0, 21.0]),
+    ],
+    ids=["simulated", "unset first", "unset later", "never set", "much faster"],
+)
+def test_a_stamp_of_0_loses_no_image(
+    stamps_s: list[float], offsets_s: list[float], tmp_path: Path
+) -> None:
+    """The first one of a simulation's time was taken for a log time: 1 image of 600 was played."""
+    logged_s = [EPOCH_S + 0.1 * k for k in range(4)]
+    readings = played(McapFile(path=stamped_mcap(tmp_path / "a.mcap", stamps_s, logged_s)))
+    assert [r.t_s for r in readings] == pytest.approx(offsets_s, abs=1e-6)
+
+
+def test_a_clock_that_was_set_within_a_recording_is_named(tmp_path: Path) -> None:
+    """The later images would be due in 57 years, and count neither as dropped nor as missed."""
+    logged_s = [EPOCH_S + 0.1 * k for k in range(4)]
+    path = stamped_mcap(tmp_path / "a.mcap", [3.0, 3.1, EPOCH_S, EPOCH_S + 0.1], logged_s)
+    refused(McapFile(path=path), r"the stamp of message 0 is 1\.79e\+09 s after the one before")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"use_chunking": False},
+        {"use_chunking": False, "use_statistics": False, "use_summary_offsets": False},
+        {"use_chunking": False, "repeat_channels": False, "repeat_schemas": False},
+        {"index_types": IndexType.NONE},
+    ],
+    ids=["unchunked", "without statistics", "without a summary", "chunks without an index"],
+)
+def test_a_sound_file_without_an_index_of_chunks_is_read(
+    options: dict[str, Any], tmp_path: Path
+) -> None:
+    path = mcap(tmp_path / "a.mcap", "ros2", ["/left", "/right"], [JPEG] * 3, **options)
+    readings = played(McapFile(path=path, topic="/right"))
+    assert [r.t_s for r in readings] == pytest.approx([0.0, 0.2, 0.4])
+    refused(McapFile(path=path), r"choose one of its image topics.*/left, /right")
+    path.write_bytes(path.read_bytes()[:-40])
+    refused(McapFile(path=path, topic="/right"), "truncated")
+
+
 def test_one_of_several_topics_is_named(tmp_path: Path) -> None:
     path = mcap(tmp_path / "a.mcap", "protobuf", ["/left", "/right"], [JPEG])
     assert len(played(McapFile(path=path, topic="/right"))) == 1
     refused(McapFile(path=path), r"choose one of its image topics.*/left, /right")
     refused(McapFile(path=path, topic="/front"), r"'/front'.*/left, /right")
+
+
+@pytest.mark.parametrize("name", ["a.mcap", "a.mp4", "a/1.png"])
+def test_a_pointer_of_git_lfs_is_named(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n")
+    file: dict[str, ImageFile] = {
+        "a.mcap": McapFile(path=path),
+        "a.mp4": VideoFile(path=path),
+        "a/1.png": ImageFolder(path=path.parent, rate_hz=10.0),
+    }
+    refused(file[name], "it is a pointer of Git LFS, not the file itself; run `git lfs pull`")
 
 
 def test_a_file_that_is_no_mcap_says_so(tmp_path: Path) -> None:

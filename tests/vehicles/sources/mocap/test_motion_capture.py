@@ -3,8 +3,10 @@
 import asyncio
 import json
 import math
+import re
 import socket
 import sys
+from datetime import UTC, datetime
 from types import ModuleType
 from typing import Any
 
@@ -15,14 +17,18 @@ import zmq
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.readings import PoseReading
-from vehicles.sources.camera_source import SourceError
-from vehicles.sources.messagepack import BadMessageError
-from vehicles.sources.mocap.capture_inputs import UdpCapture, ZmqCapture
-from vehicles.sources.mocap.feed_statistics import FeedMeter
-from vehicles.sources.mocap.motion_capture import MotionCapture, decode_frame, pose_from_enu
-from vehicles.sources.mocap.vrpn_capture import VrpnCapture
-from worlds.frames import (
+from tests.test_house import ROOT
+from wil_campaign.vehicles.readings import PoseReading
+from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.vehicles.sources.messagepack import BadMessageError
+from wil_campaign.vehicles.sources.mocap.capture_inputs import UdpCapture, ZmqCapture
+from wil_campaign.vehicles.sources.mocap.feed_statistics import FeedMeter
+from wil_campaign.vehicles.sources.mocap.motion_capture import (
+    MotionCapture,
+    decode_frame,
+    pose_from_enu,
+)
+from wil_campaign.worlds.frames import (
     Pose,
     angle_between,
     frd_from_flu,
@@ -221,6 +227,61 @@ async def test_datagrams_come_in() -> None:
     assert abs(readings[0].arrived_s - asyncio.get_running_loop().time()) < 5.0
 
 
+async def await_dropped(udp: UdpCapture, others: int) -> None:
+    for _ in range(300):
+        if len(udp.others) >= others:
+            return
+        await asyncio.sleep(0.01)
+    pytest.fail(f"{udp.others} were noticed")
+
+
+def sender() -> socket.socket:
+    end = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    end.bind(("127.0.0.1", 0))
+    return end
+
+
+async def test_poses_of_a_second_sender_are_never_mixed_in() -> None:
+    readings: list[PoseReading] = []
+    feed = capture()
+    inputs = UdpCapture(host="127.0.0.1", port=0, capture=feed, deliver=readings.append)
+    async with inputs as udp:
+        with sender() as noise, sender() as system, sender() as stranger:
+            where = ("127.0.0.1", udp.port)
+            noise.sendto(b"rubbish", where)  # who sends no poses takes nobody's place
+            system.sendto(packed(0, 1.0, 4.0), where)
+            await gathered(readings, 1)
+            stranger.sendto(packed(7, 1.01, 99.0), where)
+            await await_dropped(udp, 1)
+            system.sendto(packed(1, 1.02, 5.0), where)
+            await gathered(readings, 2)
+            other, own = stranger.getsockname()[1], system.getsockname()[1]
+            assert udp.rivals == (
+                f"motion capture on UDP 127.0.0.1:0 is sent to by 127.0.0.1:{other} as well as by "
+                f"127.0.0.1:{own}, whose poses alone are taken"
+            )
+    assert [reading.pose.position_ned_m[0] for reading in readings] == [4.0, 5.0]
+    assert feed.statistics("drone").missing == 0
+
+
+async def test_the_sender_that_the_campaign_names_is_taken_whoever_comes_first() -> None:
+    readings: list[PoseReading] = []
+    with sender() as system, sender() as stranger:
+        named = f"127.0.0.1:{system.getsockname()[1]}"
+        inputs = UdpCapture(
+            host="127.0.0.1", port=0, capture=capture(), deliver=readings.append, sender=named
+        )
+        async with inputs as udp:
+            where = ("127.0.0.1", udp.port)
+            stranger.sendto(packed(0, 1.0, 99.0), where)
+            await await_dropped(udp, 1)
+            system.sendto(packed(0, 1.0, 4.0), where)
+            await gathered(readings, 1)
+            assert udp.rivals == ""
+            assert f"as well as by {named}" in "".join(udp.others.values())
+    assert [reading.pose.position_ned_m[0] for reading in readings] == [4.0]
+
+
 async def test_a_port_that_is_taken_is_reported() -> None:
     async with UdpCapture(host="127.0.0.1", port=0, capture=capture(), deliver=print) as first:
         with pytest.raises(SourceError, match=f"UDP 127.0.0.1:{first.port}.*another"):
@@ -261,60 +322,39 @@ async def test_an_address_that_is_none_is_reported() -> None:
             pass
 
 
-async def test_without_a_vrpn_library_it_says_what_else_to_do(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "vrpn", None)
-    with pytest.raises(SourceError, match=r"no VRPN client library.*UDP message"):
-        async with VrpnCapture(
-            host="10.0.0.1", tracker="drone", capture=capture(), deliver=print, fail=print
-        ):
-            pass
-
-
-@pytest.fixture
-def fake_vrpn(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    opened: list[str] = []
+def test_the_bridge_of_the_page_sends_what_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """VRPN's own binding is on no package index: what it reports here is what it documents."""
 
     class Tracker:
         def __init__(self, address: str) -> None:
-            opened.append(address)
-            self.count = 0
+            assert address == "drone@10.0.0.1"
 
         def register_change_handler(self, userdata: object, handler: Any, kind: str) -> None:
-            assert kind == "position"
             self.handler = handler
 
         def mainloop(self) -> None:
-            self.count += 1
-            report = {
-                "sensor": 0,
-                "time": 100.0 + self.count / 100,
-                "position": (2.0, 1.0, 3.0),
-                "quaternion": (0.0, 0.0, 0.0, 1.0),
-            }
-            self.handler(None, report)
+            at = datetime.fromtimestamp(100.01, UTC)
+            pose = {"position": (2.0, 1.0, 3.0), "quaternion": (0.0, 0.0, 0.0, 1.0)}
+            self.handler(None, {"sensor": 0, "time": at, **pose})
+            raise StopIteration
 
-    module = ModuleType("vrpn")
-    module.receiver = ModuleType("receiver")  # type: ignore[attr-defined]
-    module.receiver.Tracker = Tracker
+    module, receiver = ModuleType("vrpn"), ModuleType("receiver")
+    receiver.Tracker = Tracker  # type: ignore[attr-defined]
+    module.receiver = receiver  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "vrpn", module)
-    return opened
-
-
-async def test_a_vrpn_tracker_is_received(fake_vrpn: list[str]) -> None:
-    readings: list[PoseReading] = []
-    failures: list[SourceError] = []
-    async with VrpnCapture(
-        host="10.0.0.1",
-        tracker="drone",
-        capture=capture(),
-        deliver=readings.append,
-        fail=failures.append,
-    ):
-        await gathered(readings, 5)
-    assert not failures
-    assert fake_vrpn == ["drone@10.0.0.1"]
-    assert readings[0].pose.position_ned_m == (1.0, 2.0, -3.0)
+    page = (ROOT / "docs" / "motion-capture.md").read_text("utf-8")
+    (source,) = re.findall(r"^```python\n(import json\n.+?)^```$", page, re.MULTILINE | re.DOTALL)
+    bridge: dict[str, Any] = {}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+        port.bind(("127.0.0.1", 0))
+        with pytest.raises(StopIteration):
+            exec(source.replace("5570", str(port.getsockname()[1])), bridge)  # noqa: S102
+        bridge["out"].close()
+        sent = decode_frame(port.recv(65536))
+    assert (sent.seq, sent.t_s) == (0, 100.01)
+    (body,) = sent.bodies
+    assert body.name == "drone"
+    assert body.pose is not None
+    assert body.pose.position_ned_m == (1.0, 2.0, -3.0)
     east = Pose.of(0.0, 0.0, 0.0, yaw_rad=math.pi / 2)
-    assert angle_between(readings[0].pose.q_wxyz, east.q_wxyz) == pytest.approx(0.0, abs=1e-9)
+    assert angle_between(body.pose.q_wxyz, east.q_wxyz) == pytest.approx(0.0, abs=1e-9)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from orchestrator.model.clock import run_virtual
-from vehicles.readings import (
+from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.vehicles.readings import (
     CameraReading,
     GpsReading,
     ImuReading,
@@ -18,13 +18,13 @@ from vehicles.readings import (
     PoseReading,
     RangefinderReading,
 )
-from vehicles.sources.camera_source import SourceStalledError
-from vehicles.sources.readings.frozen_readings import FrozenReadings
-from vehicles.sources.readings.live_readings import LiveReadings
-from vehicles.sources.readings.rest_check import rest_fault
-from worlds.camera import Intrinsics
-from worlds.frames import Pose, quat_from_euler
-from worlds.geodesy import LocalFrame
+from wil_campaign.vehicles.sources.camera_source import SourceStalledError
+from wil_campaign.vehicles.sources.readings.frozen_readings import FrozenReadings
+from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings
+from wil_campaign.vehicles.sources.readings.rest_check import rest_fault
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose, quat_from_euler
+from wil_campaign.worlds.geodesy import LocalFrame
 
 ZURICH = LocalFrame(47.3977, 8.5456, 488.0)
 

@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.readings import GpsReading
-from vehicles.readings.checks import fault_of
-from vehicles.sources.readings.live_readings import UnusableReadingError
-from vehicles.sources.readings.mavlink_messages import (
+from wil_campaign.vehicles.readings import GpsReading
+from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.sources.readings.live_readings import UnusableReadingError
+from wil_campaign.vehicles.sources.readings.mavlink_messages import (
     UNSTATED,
     Beams,
     StatedReach,
@@ -20,7 +20,7 @@ from vehicles.sources.readings.mavlink_messages import (
     rangefinder_reading,
     stamp_s,
 )
-from worlds.frames import AT_ORIGIN, Pose
+from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 
 WHEN = Times(10.0, 10.02, "real")
 DOWN = Pose.of(0.0, 0.0, 0.0, pitch_rad=-math.pi / 2.0)

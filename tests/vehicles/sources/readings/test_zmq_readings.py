@@ -10,11 +10,11 @@ import msgpack  # type: ignore[import-untyped]  # ships no types
 import numpy as np
 import pytest
 
-from campaigns.schema.sensors import SensorPart
-from campaigns.schema.sources import SourcedPart
 from tests.vehicles.readings.thermometer import ThermometerReading
 from tests.vehicles.sources.readings.publisher import ALL, Publisher, message, publishing
-from vehicles.readings import (
+from wil_campaign.campaigns.schema.sensors import SensorPart
+from wil_campaign.campaigns.schema.sources import SourcedPart
+from wil_campaign.vehicles.readings import (
     SENSOR_TYPES,
     LidarPointsReading,
     LidarScanReading,
@@ -22,19 +22,19 @@ from vehicles.readings import (
     RangefinderReading,
     Reading,
 )
-from vehicles.readings.checks import fault_of
-from vehicles.sources.camera_source import SourceError, SourceStalledError
-from vehicles.sources.messagepack import BadMessageError
-from vehicles.sources.readings import reading_message
-from vehicles.sources.readings.live_readings import OLDEST_S
-from vehicles.sources.readings.reading_message import (
+from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.sources.camera_source import SourceError, SourceStalledError
+from wil_campaign.vehicles.sources.messagepack import BadMessageError
+from wil_campaign.vehicles.sources.readings import reading_message
+from wil_campaign.vehicles.sources.readings.live_readings import OLDEST_S
+from wil_campaign.vehicles.sources.readings.reading_message import (
     Sampled,
     read_envelope,
     read_header,
     read_reading,
 )
-from vehicles.sources.readings.zmq_readings import ZmqReadings
-from worlds.frames import AT_ORIGIN
+from wil_campaign.vehicles.sources.readings.zmq_readings import ZmqReadings
+from wil_campaign.worlds.frames import AT_ORIGIN
 
 WHEN = Sampled(10.0, 10.01, "real", AT_ORIGIN)
 SOURCED = sorted(

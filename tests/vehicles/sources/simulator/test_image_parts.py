@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.sources.messagepack import BadMessageError
-from vehicles.sources.simulator.image_parts import (
+from wil_campaign.vehicles.sources.messagepack import BadMessageError
+from wil_campaign.vehicles.sources.simulator.image_parts import (
     compressed_size,
     decode_depth,
     decode_ids,

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from vehicles.sources.messagepack import BadMessageError, Header, pack
-from vehicles.sources.simulator.shown_world import (
+from wil_campaign.vehicles.sources.messagepack import BadMessageError, Header, pack
+from wil_campaign.vehicles.sources.simulator.shown_world import (
     ShownWorld,
     asked_world,
     disagreements,
@@ -16,11 +16,11 @@ from vehicles.sources.simulator.shown_world import (
     shown_objects,
     shown_world,
 )
-from worlds.files.documents import load
-from worlds.frames import Pose
-from worlds.scene.scene import Scene, SceneObject
-from worlds.scene.shapes import gate
-from worlds.world_file.world import World
+from wil_campaign.worlds.files.documents import load
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.shapes import gate
+from wil_campaign.worlds.world_file.world import World
 
 ROOT = Path(__file__).parents[4]
 GATE = SceneObject(2, "gate", gate("square", 1.0, 0.1), Pose.of(3.0, 1.1, 1.2))

@@ -15,20 +15,20 @@ import numpy as np
 import pytest
 
 from tests.vehicles.sources.simulator.replier import Replier, Reply
-from vehicles.cameras.rendered_cameras import ImageSource, OnDemandCamera
-from vehicles.sources.simulator.shown_world import asked_world
-from vehicles.sources.simulator.simulator_camera import (
+from wil_campaign.vehicles.cameras.rendered_cameras import ImageSource, OnDemandCamera
+from wil_campaign.vehicles.sources.simulator.shown_world import asked_world
+from wil_campaign.vehicles.sources.simulator.simulator_camera import (
     SimulatorError,
     SimulatorTimeoutError,
     ZmqImageSource,
 )
-from worlds.camera import Intrinsics
-from worlds.files.documents import load
-from worlds.frames import Pose
-from worlds.render.renderer import Renderer
-from worlds.scene.scene import Scene, SceneObject
-from worlds.scene.shapes import gate
-from worlds.world_file.world import World
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.files.documents import load
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.render.renderer import Renderer
+from wil_campaign.worlds.scene.scene import Scene, SceneObject
+from wil_campaign.worlds.scene.shapes import gate
+from wil_campaign.worlds.world_file.world import World
 
 ROOT = Path(__file__).parents[4]
 WORLD = ROOT / "worlds" / "gate.yaml"
@@ -40,7 +40,7 @@ WORLD_ASKED = asked_world(Scene((SMALL_GATE,)), world="gate", case="small")
 
 @pytest.fixture
 def reference() -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
-    command = [sys.executable, "-m", "vehicles.sources.reference_simulator"]
+    command = [sys.executable, "-m", "wil_campaign.vehicles.sources.reference_simulator"]
     arguments = ["--world", str(WORLD), "--bind", "tcp://127.0.0.1:*"]
     process = subprocess.Popen(  # noqa: S603 - our own program
         [*command, *arguments], cwd=ROOT, stdout=subprocess.PIPE, text=True

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicles.sources.messagepack import BadMessageError, Header, pack
-from vehicles.sources.simulator.shown_world import AskedWorld
-from vehicles.sources.simulator.simulator_protocol import (
+from wil_campaign.vehicles.sources.messagepack import BadMessageError, Header, pack
+from wil_campaign.vehicles.sources.simulator.shown_world import AskedWorld
+from wil_campaign.vehicles.sources.simulator.simulator_protocol import (
     PROTOCOL,
     Ask,
     LateAnswerError,
@@ -20,8 +20,8 @@ from vehicles.sources.simulator.simulator_protocol import (
     image_of,
     welcome_of,
 )
-from worlds.camera import Intrinsics
-from worlds.frames import Pose
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 SMALL = Intrinsics(8, 6, 10.0, 11.0, 3.5, 2.5, (0.1, 0.0, 0.0, 0.0, 0.0))
 ASK = Ask(5, 12.25, Pose.of(1.0, 2.0, 3.0, yaw_rad=0.7), SMALL, want_depth=True, want_ids=True)

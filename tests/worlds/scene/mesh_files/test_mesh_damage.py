@@ -6,8 +6,11 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from worlds.files.problems import closest_file
-from worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
+from wil_campaign.worlds.files.problems import closest_file
+from wil_campaign.worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
+
+KINDS = ("obj", "stl", "glb", "gltf", "dae", "ply")
+LFS = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"
 
 
 def whole(suffix: str) -> bytes:
@@ -38,6 +41,12 @@ def damage_of(path: Path, data: bytes) -> str:
         ),
         ("a.gltf", b'{"asset": \n {"version": }}', "it is not JSON (line 2, column 14)"),
         ("a.gltf", b"{}", "it is JSON but not glTF"),
+        (
+            "a.gltf",
+            b'{"asset": {"version": "1.0"}, "nodes": {"a": {"meshes": []}}}',
+            "it is of glTF version 1.0; only version 2 is supported",
+        ),
+        *((f"a.{kind}", LFS, "it is a pointer of Git LFS") for kind in KINDS),
         ("a.dae", b"<COLLADA>\n<a></COLLADA>", "it is not XML (line 2, column 6)"),
         ("a.dae", b"<a/>", "it is XML but not Collada"),
         ("a.stl", whole("stl")[:-60], "it is cut off: 10 of 12 facets are there"),

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from worlds.scene.mesh_files.mesh_polygons import Polygons, check_polygons
-from worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
-from worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
+from wil_campaign.worlds.scene.mesh_files.mesh_polygons import Polygons, check_polygons
+from wil_campaign.worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
+from wil_campaign.worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
 
 Outline = list[tuple[float, float]]
 
@@ -158,12 +158,12 @@ def test_a_binary_ply_whose_faces_are_taken_apart_wrongly_is_refused(tmp_path: P
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        (("<p>0 0 ", "<ph><h>1</h></ph><p>0 0 "), "it has polygons with holes"),
-        (("<vcount>4", "<vcount>5"), "its polygons cannot be read"),
-        (("#p", "#q"), "its polygons cannot be read"),
-        (('offset="1"', 'offset="one"'), "its polygons cannot be read"),
-        (("0 3<", "0 99<"), "its polygons cannot be read"),
-        (('semantic="POSITION"', 'semantic="PLACE"'), "its polygons cannot be read"),
+        (("<p>0 0 ", "<ph><h>1</h></ph><p>0 0 "), "geometry 'g' has polygons with holes"),
+        (("<vcount>4", "<vcount>5"), "geometry 'g' is cut off: .* 4 of 5 corners"),
+        (("#p", "#q"), "geometry 'g' has no source 'q'"),
+        (('offset="1"', 'offset="one"'), "it is damaged"),
+        (("0 3<", "0 99<"), "geometry 'g' has an index beyond the 4 values of its POSITION"),
+        (('semantic="POSITION"', 'semantic="PLACE"'), "it is damaged"),
     ],
 )
 def test_collada_polygons_that_would_be_left_out_are_refused(

@@ -8,8 +8,8 @@ emulated: sliding along fences, backing away (AVOID_BACKUP_SPD), OBSTACLE_DISTAN
 import math
 from typing import Any
 
-from vehicles.embedded.autopilot.flight.parameter_table import Parameters
-from worlds.frames import Vec3
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.worlds.frames import Vec3
 
 _MAVLINK = 2
 """PRX1_TYPE."""

@@ -6,18 +6,18 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.copter import copter_boot as boot
-from vehicles.embedded.autopilot.copter import copter_telemetry
-from vehicles.embedded.autopilot.copter.copter_failsafes import Failsafes, View
-from vehicles.embedded.autopilot.copter.copter_guided import CopterGuided
-from vehicles.embedded.autopilot.copter.copter_modes import CopterMode
-from vehicles.embedded.autopilot.flight.autopilot_state import Identity
-from vehicles.embedded.autopilot.flight.flight import TiltWatch
-from vehicles.embedded.autopilot.flight.guidance import Behaviour, ReturnHome
-from vehicles.embedded.autopilot.flight.mission_flight import starts_with_takeoff
-from vehicles.embedded.autopilot.flight.sticks import sticks_of_pulses
-from vehicles.embedded.autopilot.services import mission_service
-from vehicles.embedded.autopilot.services.command_registry import (
+from wil_campaign.vehicles.embedded.autopilot.copter import copter_boot as boot
+from wil_campaign.vehicles.embedded.autopilot.copter import copter_telemetry
+from wil_campaign.vehicles.embedded.autopilot.copter.copter_failsafes import Failsafes, View
+from wil_campaign.vehicles.embedded.autopilot.copter.copter_guided import CopterGuided
+from wil_campaign.vehicles.embedded.autopilot.copter.copter_modes import CopterMode
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from wil_campaign.vehicles.embedded.autopilot.flight.flight import TiltWatch
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, ReturnHome
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_flight import starts_with_takeoff
+from wil_campaign.vehicles.embedded.autopilot.flight.sticks import sticks_of_pulses
+from wil_campaign.vehicles.embedded.autopilot.services import mission_service
+from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     FAILED,
@@ -25,9 +25,9 @@ from vehicles.embedded.autopilot.services.command_registry import (
     on_command,
     on_message,
 )
-from vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO
-from vehicles.embedded.physics.airframe import Airframe
-from vehicles.embedded.physics.battery import Charge
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO
+from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.vehicles.embedded.physics.battery import Charge
 
 _IN_FLIGHT_YAW_HEIGHT_M = 2.5
 """EKF3 aligns its yaw in flight above this height (EKF3_MAG_FINAL_RESET_ALT)."""

@@ -2,15 +2,15 @@
 
 import math
 
-from vehicles.embedded.autopilot.flight.guidance import (
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
     GoTo,
     LandProfile,
     Speeds,
     TakeOff,
     speed_limits,
 )
-from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
-from worlds.frames import Vec3
+from wil_campaign.vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
+from wil_campaign.worlds.frames import Vec3
 
 _FACES_WAYPOINT = {1, 2}
 """Values of WP_YAW_BEHAVIOR that turn the nose to the next waypoint."""

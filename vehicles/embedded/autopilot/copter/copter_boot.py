@@ -3,7 +3,7 @@
 All times and texts are from the reference trace.
 """
 
-from vehicles.embedded.autopilot.flight.telemetry import SensorMasks
+from wil_campaign.vehicles.embedded.autopilot.flight.telemetry import SensorMasks
 
 INITIALISED_S = 2.42
 GPS_S = 9.9

@@ -7,21 +7,30 @@ from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.copter import copter_boot as boot
-from vehicles.embedded.autopilot.copter import copter_telemetry
-from vehicles.embedded.autopilot.copter.avoidance import SimpleAvoidance
-from vehicles.embedded.autopilot.copter.copter_behaviors import CopterManoeuvres
-from vehicles.embedded.autopilot.copter.copter_missions import RULES
-from vehicles.embedded.autopilot.copter.copter_modes import ENTRIES, CopterMode, copter_mode
-from vehicles.embedded.autopilot.flight import telemetry
-from vehicles.embedded.autopilot.flight.autopilot_state import Identity
-from vehicles.embedded.autopilot.flight.flight import FlightStyle
-from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, ReturnHome, speed_limits
-from vehicles.embedded.autopilot.flight.mission_items import ItemRules
-from vehicles.embedded.autopilot.flight.sticks import StickLimits
-from vehicles.embedded.autopilot.flying_autopilot import StandardModes
-from vehicles.embedded.autopilot.mission_autopilot import MissionAutopilot
-from vehicles.embedded.autopilot.services.command_registry import (
+from wil_campaign.vehicles.embedded.autopilot.copter import copter_boot as boot
+from wil_campaign.vehicles.embedded.autopilot.copter import copter_telemetry
+from wil_campaign.vehicles.embedded.autopilot.copter.avoidance import SimpleAvoidance
+from wil_campaign.vehicles.embedded.autopilot.copter.copter_behaviors import CopterManoeuvres
+from wil_campaign.vehicles.embedded.autopilot.copter.copter_missions import RULES
+from wil_campaign.vehicles.embedded.autopilot.copter.copter_modes import (
+    ENTRIES,
+    CopterMode,
+    copter_mode,
+)
+from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from wil_campaign.vehicles.embedded.autopilot.flight.flight import FlightStyle
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
+    Behaviour,
+    Follow,
+    ReturnHome,
+    speed_limits,
+)
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import ItemRules
+from wil_campaign.vehicles.embedded.autopilot.flight.sticks import StickLimits
+from wil_campaign.vehicles.embedded.autopilot.flying_autopilot import StandardModes
+from wil_campaign.vehicles.embedded.autopilot.mission_autopilot import MissionAutopilot
+from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     FAILED,
     FORCE_ARM,
@@ -29,11 +38,11 @@ from vehicles.embedded.autopilot.services.command_registry import (
     Command,
     on_request,
 )
-from vehicles.embedded.autopilot.services.discovery import ModeEntry
-from vehicles.embedded.autopilot.services.outbox import EMERGENCY, INFO, WARNING
-from vehicles.embedded.control.law import COPTER
-from vehicles.embedded.physics.airframe import Airframe
-from vehicles.embedded.physics.battery import Charge
+from wil_campaign.vehicles.embedded.autopilot.services.discovery import ModeEntry
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import EMERGENCY, INFO, WARNING
+from wil_campaign.vehicles.embedded.control.law import COPTER
+from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.vehicles.embedded.physics.battery import Charge
 
 
 class CopterCore(MissionAutopilot[CopterMode]):

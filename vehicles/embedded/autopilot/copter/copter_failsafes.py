@@ -6,10 +6,10 @@ Sources: ArduCopter/events.cpp, ArduCopter/fence.cpp, AP_BattMonitor (4.7); para
 import math
 from typing import NamedTuple
 
-from vehicles.embedded.autopilot.copter.copter_modes import CopterMode
-from vehicles.embedded.autopilot.flight.parameter_table import Parameters
-from vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
-from vehicles.embedded.physics.battery import Charge
+from wil_campaign.vehicles.embedded.autopilot.copter.copter_modes import CopterMode
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
+from wil_campaign.vehicles.embedded.physics.battery import Charge
 
 _R, _L, _B, _S = CopterMode.RTL, CopterMode.LAND, CopterMode.BRAKE, CopterMode.SMART_RTL
 _GCS_ACTIONS = {1: _R, 2: _R, 3: _S, 4: _S, 5: _L, 6: _R, 7: _B}

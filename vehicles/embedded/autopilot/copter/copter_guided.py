@@ -5,16 +5,16 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.copter import guided_setpoints
-from vehicles.embedded.autopilot.copter.copter_core import CopterCore
-from vehicles.embedded.autopilot.copter.copter_modes import CopterMode
-from vehicles.embedded.autopilot.flight.guidance import Behaviour, TakeOff, Wanted
-from vehicles.embedded.autopilot.flight.mission_flight import FlyMission, place_of
-from vehicles.embedded.autopilot.flight.mission_items import Item, item_fault
-from vehicles.embedded.autopilot.flight.places import is_altitude
-from vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
-from vehicles.embedded.autopilot.services import mission_service
-from vehicles.embedded.autopilot.services.command_registry import (
+from wil_campaign.vehicles.embedded.autopilot.copter import guided_setpoints
+from wil_campaign.vehicles.embedded.autopilot.copter.copter_core import CopterCore
+from wil_campaign.vehicles.embedded.autopilot.copter.copter_modes import CopterMode
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, TakeOff, Wanted
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_flight import FlyMission, place_of
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import Item, item_fault
+from wil_campaign.vehicles.embedded.autopilot.flight.places import is_altitude
+from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
+from wil_campaign.vehicles.embedded.autopilot.services import mission_service
+from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     FAILED,
@@ -23,7 +23,7 @@ from vehicles.embedded.autopilot.services.command_registry import (
     on_command,
     on_message,
 )
-from worlds.frames import Vec3
+from wil_campaign.worlds.frames import Vec3
 
 _ROI_NEAR_M = 0.5
 """The heading ignores a region of interest that is nearer than this."""

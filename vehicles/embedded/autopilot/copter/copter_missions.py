@@ -2,8 +2,8 @@
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flight.mission_items import ItemRules
-from vehicles.embedded.autopilot.services.fence_items import FENCE_COMMANDS
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import ItemRules
+from wil_campaign.vehicles.embedded.autopilot.services.fence_items import FENCE_COMMANDS
 
 _FLOWN = {16, 17, 18, 19, 20, 21, 22, 31, 82, 92, 93, 94}
 """WAYPOINT, LOITER_UNLIM, _TURNS and _TIME, RETURN_TO_LAUNCH, LAND, TAKEOFF, LOITER_TO_ALT,

@@ -5,7 +5,7 @@ Source: ArduCopter/mode.h (4.7).
 
 from enum import Enum
 
-from vehicles.embedded.autopilot.services.discovery import ModeEntry
+from wil_campaign.vehicles.embedded.autopilot.services.discovery import ModeEntry
 
 
 class CopterMode(Enum):

@@ -4,11 +4,11 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.map_projections import ArduPilotProjection
-from vehicles.embedded.autopilot.copter import copter_boot as boot
-from vehicles.embedded.autopilot.flight import telemetry
-from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
-from worlds.frames import quat_from_euler
+from wil_campaign.vehicles.autopilots.map_projections import ArduPilotProjection
+from wil_campaign.vehicles.embedded.autopilot.copter import copter_boot as boot
+from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
+from wil_campaign.worlds.frames import quat_from_euler
 
 _CAPABILITIES = 64495
 _FLIGHT_VERSION = 0x04070000

@@ -9,8 +9,10 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flight.places import is_on_globe
-from vehicles.embedded.autopilot.flight.setpoint_targets import RELATIVE_ALTITUDE_FRAMES
+from wil_campaign.vehicles.embedded.autopilot.flight.places import is_on_globe
+from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import (
+    RELATIVE_ALTITUDE_FRAMES,
+)
 
 _POSITION, _VELOCITY, _ACCELERATION = 0b111, 0b111 << 3, 0b111 << 6
 _FORCE = 1 << 9

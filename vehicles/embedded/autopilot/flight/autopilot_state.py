@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vehicles.embedded.control.target import Target
-from vehicles.embedded.physics.battery import Charge
-from vehicles.embedded.physics.motion_kernel import NUMBERS
-from vehicles.embedded.physics.states import STOPPED, Motion, Thrusts, motion_of
-from worlds.frames import Vec3
-from worlds.geodesy import LocalFrame
-from worlds.jit import F64
+from wil_campaign.vehicles.embedded.control.target import Target
+from wil_campaign.vehicles.embedded.physics.battery import Charge
+from wil_campaign.vehicles.embedded.physics.motion_kernel import NUMBERS
+from wil_campaign.vehicles.embedded.physics.states import STOPPED, Motion, Thrusts, motion_of
+from wil_campaign.worlds.frames import Vec3
+from wil_campaign.worlds.geodesy import LocalFrame
+from wil_campaign.worlds.jit import F64
 
 
 @dataclass(frozen=True, slots=True)

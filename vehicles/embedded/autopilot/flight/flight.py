@@ -3,12 +3,12 @@
 import math
 from dataclasses import dataclass
 
-from vehicles.embedded.autopilot.flight.autopilot_state import State
-from vehicles.embedded.autopilot.flight.guidance import Behaviour
-from vehicles.embedded.control.law import ControlLaw, Gains, LawKind
-from vehicles.embedded.control.target import Target
-from vehicles.embedded.physics.airframe import Airframe
-from vehicles.embedded.physics.states import STOPPED, Motion, Thrusts
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import State
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour
+from wil_campaign.vehicles.embedded.control.law import ControlLaw, Gains, LawKind
+from wil_campaign.vehicles.embedded.control.target import Target
+from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.vehicles.embedded.physics.states import STOPPED, Motion, Thrusts
 
 _IDLE_SHARE = 0.08
 _LIFT_SHARE = 0.92

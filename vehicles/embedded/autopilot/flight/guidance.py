@@ -6,9 +6,9 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import NamedTuple
 
-from vehicles.embedded.control.target import Target
-from vehicles.embedded.physics.states import Motion
-from worlds.frames import Vec3
+from wil_campaign.vehicles.embedded.control.target import Target
+from wil_campaign.vehicles.embedded.physics.states import Motion
+from wil_campaign.worlds.frames import Vec3
 
 
 class Wanted(NamedTuple):

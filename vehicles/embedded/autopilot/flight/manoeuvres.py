@@ -3,8 +3,8 @@
 import math
 from abc import ABC, abstractmethod
 
-from vehicles.embedded.autopilot.flight.autopilot_state import State
-from vehicles.embedded.autopilot.flight.guidance import (
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import State
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
     Behaviour,
     GoTo,
     Hold,
@@ -14,9 +14,9 @@ from vehicles.embedded.autopilot.flight.guidance import (
     Speeds,
     TakeOff,
 )
-from vehicles.embedded.autopilot.flight.parameter_table import Parameters
-from vehicles.embedded.autopilot.flight.places import FASTEST_M_S
-from worlds.frames import Vec3
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.autopilot.flight.places import FASTEST_M_S
+from wil_campaign.worlds.frames import Vec3
 
 _CHANGED = {0.0: "across", 1.0: "across", 2.0: "up", 3.0: "down"}
 """SPEED_TYPE to the limit that it changes."""

@@ -5,15 +5,23 @@ from typing import NamedTuple, Protocol
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flight.autopilot_state import State
-from vehicles.embedded.autopilot.flight.guidance import Behaviour, GoTo, Land, ReturnHome, Speeds
-from vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
-from vehicles.embedded.autopilot.flight.mission_items import Item
-from vehicles.embedded.autopilot.flight.places import whole
-from vehicles.embedded.autopilot.flight.setpoint_targets import RELATIVE_ALTITUDE_FRAMES
-from vehicles.embedded.control.target import Target
-from vehicles.embedded.physics.states import Motion
-from worlds.frames import Vec3
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import State
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
+    Behaviour,
+    GoTo,
+    Land,
+    ReturnHome,
+    Speeds,
+)
+from wil_campaign.vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import Item
+from wil_campaign.vehicles.embedded.autopilot.flight.places import whole
+from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import (
+    RELATIVE_ALTITUDE_FRAMES,
+)
+from wil_campaign.vehicles.embedded.control.target import Target
+from wil_campaign.vehicles.embedded.physics.states import Motion
+from wil_campaign.worlds.frames import Vec3
 
 _TO_PLACES = {
     mavlink.MAV_CMD_NAV_WAYPOINT,

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flight.places import is_altitude, is_on_globe
+from wil_campaign.vehicles.embedded.autopilot.flight.places import is_altitude, is_on_globe
 
 ACCEPTED: int = mavlink.MAV_MISSION_ACCEPTED
 _INVALID_PARAMETERS: tuple[int, ...] = (

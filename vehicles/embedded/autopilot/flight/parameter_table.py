@@ -3,11 +3,15 @@
 import struct
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.known_parameters import parameter_rows
+from wil_campaign.vehicles.embedded.autopilot.known_parameters import (
+    parameter_rows,
+    unused_rows,
+)
 
 _KINDS = {
     "int8": mavlink.MAV_PARAM_TYPE_INT8,
@@ -36,10 +40,19 @@ class Parameters:
     """The emulated autopilot's parameter table, in the order of names.
 
     bytewise: PX4's convention, where an integer's bits travel in the float field; otherwise
-    ArduPilot's, where the value is cast to float.
+    ArduPilot's, where the value is cast to float. unused: those that nothing acts on, with the
+    value that is flown by, if there is one.
     """
 
-    def __init__(self, table: tuple[Parameter, ...], *, bytewise: bool) -> None:
+    def __init__(
+        self,
+        table: tuple[Parameter, ...],
+        *,
+        bytewise: bool,
+        unused: Mapping[str, float | None] = MappingProxyType({}),
+    ) -> None:
+        self._unused = unused
+        self._defaults = {entry.name: entry.value for entry in table}
         self._entries = {entry.name: entry for entry in sorted(table)}
         self._names = tuple(self._entries)
         self._bytewise = bytewise
@@ -66,6 +79,11 @@ class Parameters:
         """Return whether a parameter is an integer."""
         kind = self._entries[name].kind
         return kind != _REAL32
+
+    def is_in_vain(self, name: str) -> bool:
+        """Return whether a parameter has a value that nothing acts on, and that is not usual."""
+        usual = (self._unused.get(name), self._defaults[name])
+        return name in self._unused and self._entries[name].value not in usual
 
     def index(self, name: str) -> int:
         """Return a parameter's index in the table."""
@@ -108,7 +126,7 @@ def load_parameters(file: Path, *, bytewise: bool, overrides: Mapping[str, float
     """
     rows = parameter_rows(file)
     table = tuple(Parameter(name, _KINDS[kind], value) for name, (kind, value) in rows.items())
-    parameters = Parameters(table, bytewise=bytewise)
+    parameters = Parameters(table, bytewise=bytewise, unused=unused_rows(file))
     unknown = [name for name in overrides if name not in parameters]
     if unknown:
         raise ValueError(f"the autopilot has no parameter {', '.join(sorted(unknown))}")

@@ -5,11 +5,11 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flight.guidance import Wanted
-from vehicles.embedded.autopilot.flight.places import FARTHEST_M, FASTEST_M_S, bounded
-from vehicles.embedded.physics.states import Motion
-from worlds.frames import Vec3, add, quat_from_euler, rotate
-from worlds.geodesy import LocalFrame
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Wanted
+from wil_campaign.vehicles.embedded.autopilot.flight.places import FARTHEST_M, FASTEST_M_S, bounded
+from wil_campaign.vehicles.embedded.physics.states import Motion
+from wil_campaign.worlds.frames import Vec3, add, quat_from_euler, rotate
+from wil_campaign.worlds.geodesy import LocalFrame
 
 _VELOCITY_BITS = 0b111 << 3
 _YAW_BIT = 1 << 10

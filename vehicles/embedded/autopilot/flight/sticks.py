@@ -5,9 +5,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from vehicles.embedded.autopilot.flight.guidance import Behaviour, Hold, Speeds
-from vehicles.embedded.control.target import Target
-from vehicles.embedded.physics.states import Motion
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, Hold, Speeds
+from wil_campaign.vehicles.embedded.control.target import Target
+from wil_campaign.vehicles.embedded.physics.states import Motion
 
 _CENTRED = 0.05
 """A stick nearer to its centre than this counts as centred."""

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flight.autopilot_state import State
-from vehicles.embedded.autopilot.flight.places import FARTHEST_M, HIGHEST_M, bounded
-from worlds.frames import quat_from_euler
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import State
+from wil_campaign.vehicles.embedded.autopilot.flight.places import FARTHEST_M, HIGHEST_M, bounded
+from wil_campaign.worlds.frames import Vec3, quat_conjugate, quat_from_euler, rotate
 
 Builder = Callable[[State], Any]
 NO_QUATERNION = (math.nan, math.nan, math.nan, math.nan)
@@ -312,10 +312,9 @@ COMMON: dict[int, Builder] = {
 }
 
 
-def _magnetic_field_gauss(s: State) -> tuple[float, float, float]:
-    """Return telemetry's magnetic field: central Europe, 0.21 G north, 0.43 G down."""
-    yaw = s.now.euler_rad[2]
-    return (0.21 * math.cos(yaw), -0.21 * math.sin(yaw), 0.43)
+def _magnetic_field_gauss(s: State) -> Vec3:
+    """Return telemetry's magnetic field, body axes: central Europe, 0.21 G north, 0.43 G down."""
+    return rotate(quat_conjugate(quat_from_euler(*s.now.euler_rad)), (0.21, 0.0, 0.43))
 
 
 def _centi(value: float) -> int:

@@ -6,22 +6,27 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flight.autopilot_state import Identity
-from vehicles.embedded.autopilot.flight.flight import TiltWatch
-from vehicles.embedded.autopilot.flight.guidance import Behaviour, Hold, TakeOff, Wanted
-from vehicles.embedded.autopilot.flight.places import is_altitude, is_on_globe
-from vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
-from vehicles.embedded.autopilot.px4.px4_core import Px4Core
-from vehicles.embedded.autopilot.px4.px4_failsafes import (
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from wil_campaign.vehicles.embedded.autopilot.flight.flight import TiltWatch
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
+    Behaviour,
+    Hold,
+    TakeOff,
+    Wanted,
+)
+from wil_campaign.vehicles.embedded.autopilot.flight.places import is_altitude, is_on_globe
+from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_core import Px4Core
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_failsafes import (
     WARNINGS,
     Action,
     Decision,
     Failsafes,
     View,
 )
-from vehicles.embedded.autopilot.px4.px4_modes import Px4Mode
-from vehicles.embedded.autopilot.services import mission_service
-from vehicles.embedded.autopilot.services.command_registry import (
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_modes import Px4Mode
+from wil_campaign.vehicles.embedded.autopilot.services import mission_service
+from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     UNSUPPORTED,
@@ -29,11 +34,11 @@ from vehicles.embedded.autopilot.services.command_registry import (
     on_command,
     on_message,
 )
-from vehicles.embedded.autopilot.services.fence_items import EmulatedFence
-from vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
-from vehicles.embedded.physics.airframe import Airframe
-from vehicles.embedded.physics.battery import Charge
-from worlds.frames import Vec3, quat_from_euler, rotate
+from wil_campaign.vehicles.embedded.autopilot.services.fence_items import EmulatedFence
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
+from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.vehicles.embedded.physics.battery import Charge
+from wil_campaign.worlds.frames import Vec3, quat_from_euler, rotate
 
 _HEADING_TEXT_S = 2.55
 _TILT_FOR_S = 0.3

@@ -7,19 +7,19 @@ from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flight import telemetry
-from vehicles.embedded.autopilot.flight.autopilot_state import Identity
-from vehicles.embedded.autopilot.flight.flight import FlightStyle
-from vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, speed_limits
-from vehicles.embedded.autopilot.flight.mission_items import ItemRules
-from vehicles.embedded.autopilot.flight.sticks import StickLimits
-from vehicles.embedded.autopilot.flying_autopilot import StandardModes
-from vehicles.embedded.autopilot.mission_autopilot import MissionAutopilot
-from vehicles.embedded.autopilot.px4 import px4_telemetry
-from vehicles.embedded.autopilot.px4.px4_behaviors import Px4Manoeuvres
-from vehicles.embedded.autopilot.px4.px4_missions import RULES
-from vehicles.embedded.autopilot.px4.px4_modes import ENTRIES, Px4Mode, px4_mode
-from vehicles.embedded.autopilot.services.command_registry import (
+from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from wil_campaign.vehicles.embedded.autopilot.flight.flight import FlightStyle
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, speed_limits
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import ItemRules
+from wil_campaign.vehicles.embedded.autopilot.flight.sticks import StickLimits
+from wil_campaign.vehicles.embedded.autopilot.flying_autopilot import StandardModes
+from wil_campaign.vehicles.embedded.autopilot.mission_autopilot import MissionAutopilot
+from wil_campaign.vehicles.embedded.autopilot.px4 import px4_telemetry
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_behaviors import Px4Manoeuvres
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_missions import RULES
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_modes import ENTRIES, Px4Mode, px4_mode
+from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
     FORCE_DISARM,
@@ -27,11 +27,11 @@ from vehicles.embedded.autopilot.services.command_registry import (
     Command,
     on_request,
 )
-from vehicles.embedded.autopilot.services.discovery import ModeEntry
-from vehicles.embedded.autopilot.services.outbox import CRITICAL, EMERGENCY, INFO
-from vehicles.embedded.control.law import PX4
-from vehicles.embedded.physics.airframe import Airframe
-from vehicles.embedded.physics.battery import Charge
+from wil_campaign.vehicles.embedded.autopilot.services.discovery import ModeEntry
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, EMERGENCY, INFO
+from wil_campaign.vehicles.embedded.control.law import PX4
+from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.vehicles.embedded.physics.battery import Charge
 
 _GCS_SILENT_AFTER_S = 2.5
 """A ground station whose last heartbeat is older counts as gone (mavlink_receiver.cpp)."""

@@ -7,7 +7,7 @@ import math
 from enum import Enum
 from typing import NamedTuple
 
-from vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
 
 
 class Action(Enum):

@@ -2,8 +2,8 @@
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flight.mission_items import ItemRules
-from vehicles.embedded.autopilot.services.fence_items import FENCE_COMMANDS
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import ItemRules
+from wil_campaign.vehicles.embedded.autopilot.services.fence_items import FENCE_COMMANDS
 
 _FLOWN = {16, 17, 19, 20, 21, 22, 31, 93}
 """WAYPOINT, LOITER_UNLIM, LOITER_TIME, RETURN_TO_LAUNCH, LAND, TAKEOFF, LOITER_TO_ALT, DELAY."""

@@ -7,7 +7,7 @@ from enum import Enum
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.services.discovery import ModeEntry
+from wil_campaign.vehicles.embedded.autopilot.services.discovery import ModeEntry
 
 _MANUAL_BITS: int = mavlink.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED | (
     mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED

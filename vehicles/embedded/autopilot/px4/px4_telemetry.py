@@ -5,11 +5,11 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.autopilots.map_projections import Px4Projection
-from vehicles.embedded.autopilot.flight import telemetry
-from vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
-from vehicles.embedded.autopilot.services import discovery
-from worlds.frames import quat_conjugate, quat_from_euler, rotate
+from wil_campaign.vehicles.autopilots.map_projections import Px4Projection
+from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
+from wil_campaign.vehicles.embedded.autopilot.services import discovery
+from wil_campaign.worlds.frames import quat_conjugate, quat_from_euler, rotate
 
 _CAPABILITIES = 59647
 _FLIGHT_VERSION = 0x01120080

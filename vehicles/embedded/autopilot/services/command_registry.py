@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flight.places import is_altitude, is_on_globe, whole
+from wil_campaign.vehicles.embedded.autopilot.flight.places import is_altitude, is_on_globe, whole
 
 ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 TEMPORARILY_REJECTED: int = mavlink.MAV_RESULT_TEMPORARILY_REJECTED

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from vehicles.mavlink.fence_areas import (
+from wil_campaign.vehicles.mavlink.fence_areas import (
     CIRCLES,
     POLYGONS,
     RETURN_POINT,
@@ -14,7 +14,7 @@ from vehicles.mavlink.fence_areas import (
     Place,
     fence_areas,
 )
-from worlds.geodesy import LocalFrame
+from wil_campaign.worlds.geodesy import LocalFrame
 
 Point = tuple[float, float]
 """North and east, m."""

@@ -4,11 +4,12 @@ DataFlash: libraries/AP_Logger/LogStructure.h of ArduPilot. ULog:
 https://docs.px4.io/main/en/dev_log/ulog_file_format.html
 """
 
+import math
 import struct
 from typing import Protocol
 
-from vehicles.embedded.autopilot.flight.parameter_table import Parameters
-from vehicles.embedded.physics.states import Motion
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.physics.states import Motion
 
 _POSITION_FIELDS = ("x", "y", "z", "vx", "vy", "vz", "heading")
 
@@ -54,7 +55,7 @@ class DataFlash:
 
     def position(self, t_us: int, now: Motion) -> None:
         """Add the estimate to the DataFlash log."""
-        yaw = now.euler_rad[2]
+        yaw = math.degrees(now.euler_rad[2]) % 360.0  # as ArduPilot logs it
         self._add("XKF1", t_us, *now.position_ned_m, *now.velocity_ned_m_s, yaw)
 
     def data(self) -> bytes:

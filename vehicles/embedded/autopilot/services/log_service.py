@@ -5,8 +5,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.services.log_formats import LogWriter
-from vehicles.embedded.physics.states import Motion
+from wil_campaign.vehicles.embedded.autopilot.services.log_formats import LogWriter
+from wil_campaign.vehicles.embedded.physics.states import Motion
 
 _PIECE = 90
 _PER_TURN = 20

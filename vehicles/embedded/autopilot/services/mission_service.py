@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flight.mission_items import (
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import (
     ACCEPTED,
     Item,
     ItemRules,

@@ -9,7 +9,7 @@ import struct
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
 
 PATH = "@PARAM/param.pck"
 _MAGIC = 0x671B

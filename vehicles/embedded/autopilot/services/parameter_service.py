@@ -8,7 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
 
 NO_INDEX = 65535
 """ArduPilot's index of a parameter that was not requested by index."""

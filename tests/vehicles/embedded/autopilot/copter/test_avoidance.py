@@ -8,9 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from vehicles.embedded.autopilot.copter.avoidance import SimpleAvoidance, stopping_speed
-from vehicles.embedded.autopilot.copter.copter_core import CopterCore
-from vehicles.embedded.autopilot.flight.parameter_table import load_parameters
+from wil_campaign.vehicles.embedded.autopilot.copter.avoidance import (
+    SimpleAvoidance,
+    stopping_speed,
+)
+from wil_campaign.vehicles.embedded.autopilot.copter.copter_core import CopterCore
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import load_parameters
 
 
 def avoidance(**changed: float) -> SimpleAvoidance:

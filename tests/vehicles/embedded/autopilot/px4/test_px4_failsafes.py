@@ -6,11 +6,16 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
-from vehicles.embedded.autopilot.flight.parameter_table import load_parameters
-from vehicles.embedded.autopilot.px4.px4 import Px4
-from vehicles.embedded.autopilot.px4.px4_failsafes import Action, Decision, Failsafes, View
-from vehicles.embedded.autopilot.services.fence_items import EmulatedFence
-from vehicles.mavlink.fence_areas import FenceCircle
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import load_parameters
+from wil_campaign.vehicles.embedded.autopilot.px4.px4 import Px4
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_failsafes import (
+    Action,
+    Decision,
+    Failsafes,
+    View,
+)
+from wil_campaign.vehicles.embedded.autopilot.services.fence_items import EmulatedFence
+from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle
 
 ARM, FORCE = 400, 21196
 SOUND = View(

@@ -2,7 +2,7 @@
 
 import pytest
 
-from vehicles.embedded.autopilot.px4.px4_modes import Px4Mode, px4_mode
+from wil_campaign.vehicles.embedded.autopilot.px4.px4_modes import Px4Mode, px4_mode
 
 
 @pytest.mark.parametrize("mode", list(Px4Mode))

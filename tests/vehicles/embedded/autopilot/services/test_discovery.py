@@ -7,8 +7,8 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.embedded.autopilot.services.test_missions import BOTH
-from vehicles.embedded.autopilot.services import discovery
-from vehicles.mavlink.framing import FrameSplitter
+from wil_campaign.vehicles.embedded.autopilot.services import discovery
+from wil_campaign.vehicles.mavlink.framing import FrameSplitter
 
 Scenario = Callable[[Any], Any]
 MODES, MODE = discovery.AVAILABLE_MODES, discovery.CURRENT_MODE

@@ -7,20 +7,23 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from shapely.geometry import Point as ShapelyPoint
 from shapely.geometry import Polygon as ShapelyPolygon
 
-from vehicles.embedded.autopilot.flight.mission_items import Item
-from vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parameters
-from vehicles.embedded.autopilot.services.command_registry import marked, on_command
-from vehicles.embedded.autopilot.services.discovery import (
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import Item
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parameters
+from wil_campaign.vehicles.embedded.autopilot.services.command_registry import marked, on_command
+from wil_campaign.vehicles.embedded.autopilot.services.discovery import (
     ModeEntry,
     available_modes,
     current_mode,
 )
-from vehicles.embedded.autopilot.services.fence_items import EmulatedFence, emulated_fence
-from vehicles.embedded.autopilot.services.outbox import Outbox
-from vehicles.embedded.autopilot.services.parameter_file import parameter_file
-from vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
-from vehicles.mavlink.fence_areas import FenceCircle, FencePolygon
-from worlds.geodesy import LocalFrame
+from wil_campaign.vehicles.embedded.autopilot.services.fence_items import (
+    EmulatedFence,
+    emulated_fence,
+)
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import Outbox
+from wil_campaign.vehicles.embedded.autopilot.services.parameter_file import parameter_file
+from wil_campaign.vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
+from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle, FencePolygon
+from wil_campaign.worlds.geodesy import LocalFrame
 
 coordinate = st.integers(-50, 50).map(float)
 

@@ -1,1 +1,0 @@
-"""Analysis of flown campaigns from their results folders: statistics, gap, comparison, history."""

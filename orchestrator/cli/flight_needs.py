@@ -1,0 +1,84 @@
+"""What flights need of time and disk, as text: from the last ones of a campaign, else a guess."""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from wil_campaign.orchestrator.model.clock import Clock
+from wil_campaign.worlds.files.limited_json import loads_limited
+
+_GUESSED_S: dict[Clock, float] = {"virtual": 6.0, "wall": 60.0, "scaled": 60.0}
+"""Wall time of one flight where nothing was flown yet: of the examples on two cores."""
+_GUESSED_MB = 12.0
+"""Disk of one flight with images of one camera."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlightNeeds:
+    """What one flight needs: wall time, and disk in MB. is_known: measured, not guessed."""
+
+    wall_s: float
+    disk_mb: float
+    is_known: bool
+
+
+def needs_text(folder: Path, *, flights: int, at_once: int, clock: Clock) -> str:
+    """Return what flights need: about how long, how many MB. folder: of a campaign's flights."""
+    needs = _last_needs(folder, clock) or FlightNeeds(_GUESSED_S[clock], _GUESSED_MB, False)
+    wall_s = needs.wall_s * math.ceil(flights / max(1, at_once))
+    how = "as last time" if needs.is_known else "a guess"
+    return f"about {_duration_text(wall_s)} and {_rounded(needs.disk_mb * flights)} MB ({how})"
+
+
+def _last_needs(folder: Path, clock: Clock) -> FlightNeeds | None:
+    """Return what the newest flights beneath a folder needed by the same clock; None without."""
+    try:
+        flown = sorted((one for one in folder.iterdir() if one.is_dir()), reverse=True)
+    except OSError:
+        return None
+    for one in flown[:3]:
+        walls_s = list(_wall_times_s(one / "summary.json", clock))
+        if walls_s:
+            size_mb = sum(_sizes(one)) / 1e6
+            return FlightNeeds(sum(walls_s) / len(walls_s), size_mb / len(walls_s), True)
+    return None
+
+
+def _wall_times_s(summary: Path, clock: Clock) -> Iterator[float]:
+    """Yield the wall time of each flight of a summary, as far as it is readable."""
+    try:
+        document = loads_limited(summary.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return
+    if not isinstance(document, dict) or document.get("clock") != clock:
+        return
+    for group in ("runs", "controls"):
+        found = document.get(group)
+        for run in found if isinstance(found, list) else ():
+            wall_s = run.get("wall_s") if isinstance(run, dict) else None
+            if isinstance(wall_s, int | float) and wall_s > 0.0:
+                yield float(wall_s)
+
+
+def _sizes(folder: Path) -> Iterable[int]:
+    for path in folder.rglob("*"):
+        try:
+            yield path.lstat().st_size
+        except OSError:
+            continue  # it may just have been removed
+
+
+def _duration_text(wall_s: float) -> str:
+    if wall_s < 55.0:
+        return f"{max(5, math.ceil(wall_s / 5.0) * 5)} s"
+    minutes = math.ceil(wall_s / 60.0)
+    if minutes < 90:
+        return "1 minute" if minutes == 1 else f"{minutes} minutes"
+    return f"{wall_s / 3600.0:.1f} hours"
+
+
+def _rounded(value: float) -> int:
+    """Return a number with two digits that count."""
+    step: int = 10 ** max(0, len(str(int(value))) - 2)
+    return max(1, math.ceil(value / step) * step)

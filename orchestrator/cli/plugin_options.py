@@ -1,0 +1,71 @@
+"""Options of a command that plugins add by a hook."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, make_dataclass
+from typing import Annotated, Any, ParamSpec, Protocol, TypeVar
+
+from cyclopts import Parameter
+
+from wil_campaign.installed_plugins import Named, absent, added
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class Option(Named, Protocol):
+    """What a hook returns that adds an option."""
+
+    @property
+    def help(self) -> str:
+        """Return the help of the option."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class PluginOptions:
+    """What a user gives by the options of plugins, which are its fields."""
+
+
+NO_OPTIONS = PluginOptions()
+
+
+def takes_options(
+    hook: Callable[[], Sequence[Option]], parameter: str, kind: Any, *, but: str = ""
+) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """Give a parameter of a command an option for each addition by a hook. but: for all others.
+
+    kind: of the values; None, or False, where an option is not given. An addition of an absent
+    plugin has an option as well, by which it is refused.
+    """
+    texts = {name: one.help for name, one in added(hook).items()}
+    texts |= absent(hook)
+    default = False if kind is bool else None
+    fields = [
+        (name, Annotated[kind, Parameter(help=text, negative=())], default)
+        for name, text in texts.items()
+        if name != but
+    ]
+    options = make_dataclass(
+        "Options",
+        fields,
+        bases=(PluginOptions,),
+        frozen=True,
+        kw_only=True,
+        namespace={"__module__": __name__},
+    )
+    Parameter(name="*")(options)
+
+    def give(command: Callable[P, T]) -> Callable[P, T]:
+        function: Any = command
+        function.__annotations__[parameter] = options
+        function.__kwdefaults__[parameter] = options()
+        return command
+
+    return give
+
+
+def given(options: PluginOptions) -> dict[str, Any]:
+    """Return the values of the options that a user gives, by name."""
+    return {
+        name: one for name, one in asdict(options).items() if one is not None and one is not False
+    }

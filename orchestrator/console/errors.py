@@ -1,5 +1,0 @@
-"""The error of the console."""
-
-
-class ConsoleError(Exception):
-    """A console cannot be opened; the message says why, and what to do."""

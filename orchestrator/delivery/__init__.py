@@ -1,1 +1,0 @@
-"""Delivery: images to viewers and programs, and injected messages to the autopilot."""

@@ -1,1 +1,0 @@
-"""Engines that fly the runs of a campaign on other machines."""

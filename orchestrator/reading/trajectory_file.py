@@ -1,0 +1,118 @@
+"""Reads trajectory.csv: estimates, true positions, setpoints, notes; counts damaged rows."""
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from io import BytesIO, TextIOWrapper
+from itertools import islice
+from pathlib import Path
+
+from wil_campaign.orchestrator.reading.model import Commanded
+from wil_campaign.orchestrator.reading.results_folder import UnreadableError, read_data
+from wil_campaign.worlds.files.limits import MAX_TRAJECTORY_ROWS
+from wil_campaign.worlds.frames import Vec3
+
+_NEEDED = frozenset({"t_s", "vehicle", "stage"})
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A row of trajectory.csv; its cells are decoded on demand, because few rows are shown."""
+
+    t_s: float
+    vehicle: str
+    columns: Mapping[str, int]
+    line: Sequence[str]
+
+    def decoded(self) -> Commanded:
+        """Return the row with all cells decoded."""
+        cells = _Cells(self.columns, self.line)
+        return Commanded(
+            t_s=self.t_s,
+            vehicle=self.vehicle,
+            stage=cells.get("stage") or "",
+            mode=cells.get("mode") or "",
+            is_armed=cells.get("armed") == "1",
+            position_ned_m=_vector(cells, "est_north_m", "est_east_m", "est_down_m"),
+            velocity_ned_m_s=_vector(cells, "est_v_north_m_s", "est_v_east_m_s", "est_v_down_m_s"),
+            truth_ned_m=_vector(cells, "true_north_m", "true_east_m", "true_down_m"),
+            setpoint_kind=cells.get("sp_kind") or "",
+            setpoint=_vector(cells, "sp_north", "sp_east", "sp_down"),
+            setpoint_yaw_rad=_number(cells, "sp_yaw_rad"),
+            note=cells.get("note") or "",
+        )
+
+    @property
+    def note(self) -> str:
+        """Return the autonomy's note, without decoding the rest of the row."""
+        return _Cells(self.columns, self.line).get("note") or ""
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectoryRows:
+    """The rows in the order of the file."""
+
+    rows: tuple[Row, ...] = ()
+    problems: tuple[str, ...] = ()
+
+
+def read_trajectory(path: Path) -> TrajectoryRows:
+    """Return the readable rows of a trajectory."""
+    try:
+        data = read_data(path).replace(b"\0", b"")
+    except UnreadableError as error:
+        return TrajectoryRows(problems=(str(error),))
+    whole = data if data.endswith(b"\n") else data[: data.rfind(b"\n") + 1]
+    reader = csv.reader(TextIOWrapper(BytesIO(whole), "utf-8", "replace", newline=""))
+    try:
+        columns = {name: number for number, name in enumerate(next(reader, ()))}
+        if not columns.keys() >= _NEEDED:
+            why = f"{path.name} is not a trajectory: it has no columns t_s, vehicle, stage"
+            return TrajectoryRows(problems=(why,))
+        lines = (line for line in reader if line)
+        found = [_row(columns, line) for line in islice(lines, MAX_TRAJECTORY_ROWS)]
+        is_longer = next(lines, None) is not None
+    except csv.Error as error:
+        return TrajectoryRows(problems=(f"{path.name} is damaged: {error}",))
+    rows = tuple(row for row in found if row is not None)
+    damaged = len(found) - len(rows)
+    problems = [f"{path.name}: {damaged} rows cannot be read"] if damaged else []
+    if is_longer:
+        problems.append(f"{path.name}: only its first {MAX_TRAJECTORY_ROWS:,} rows are read")
+    if len(whole) != len(data):
+        problems.append(f"{path.name} is cut off in the middle of a row")
+    return TrajectoryRows(rows, tuple(problems))
+
+
+class _Cells:
+    """The cells of a row by their names; a short row lacks its last ones."""
+
+    def __init__(self, columns: Mapping[str, int], line: Sequence[str]) -> None:
+        self._columns, self._line = columns, line
+
+    def get(self, name: str) -> str | None:
+        """Return a cell of the row."""
+        at = self._columns.get(name, len(self._line))
+        return self._line[at] if at < len(self._line) else None
+
+
+def _row(columns: Mapping[str, int], line: list[str]) -> Row | None:
+    try:
+        t_s, vehicle = float(line[columns["t_s"]]), line[columns["vehicle"]]
+    except (ValueError, IndexError):
+        return None
+    return Row(t_s, vehicle, columns, tuple(line)) if vehicle and math.isfinite(t_s) else None
+
+
+def _number(cells: _Cells, name: str) -> float | None:
+    try:
+        number = float(cells.get(name) or "nan")
+    except ValueError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _vector(cells: _Cells, *names: str) -> Vec3 | None:
+    x, y, z = (_number(cells, name) for name in names)
+    return None if x is None or y is None or z is None else (x, y, z)

@@ -1,0 +1,76 @@
+"""Decodes the images of a recording at given times: what was perceived, and what it was made of."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from mcap.records import Message
+from numpy.typing import NDArray
+
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import image_of
+from wil_campaign.orchestrator.report.reading.recorded_sights import RecordedSight, read_sights
+from wil_campaign.vehicles.perception.depth_colors import color_depth
+from wil_campaign.vehicles.readings import BgrImage
+
+_ALONE = {"sim": "twin", "real": "real"}
+
+
+@dataclass(frozen=True, slots=True)
+class ImagesAtTime:
+    """The images of a time, by source: real, twin and mixed, or the one that was perceived."""
+
+    t_s: float
+    images_bgr: Mapping[str, BgrImage]
+
+
+def read_images(run: Path, *, mode: str, wanted_s: Sequence[float]) -> list[ImagesAtTime]:
+    """Return the images of a run's folder at each wanted time, as far as they are recorded."""
+    found = read_sights(run / "run.mcap", mode=mode, wanted_s=wanted_s)
+    for sights in found.sights.values():
+        shown = [_decode_sight(one, mode) for one in sights]
+        if any(one.images_bgr for one in shown):
+            return [one for one in shown if one.images_bgr]
+    return []
+
+
+def most_mixed(images: Sequence[ImagesAtTime]) -> ImagesAtTime | None:
+    """Return the images in which the mixture differs most from the real one; the last of equals."""
+    return max(reversed(images), key=_difference, default=None)
+
+
+def _difference(images: ImagesAtTime) -> float:
+    real, mixed = images.images_bgr.get("real"), images.images_bgr.get("mixed")
+    if real is None or mixed is None or real.shape != mixed.shape:
+        return 0.0
+    return float(cv2.absdiff(real, mixed).mean())
+
+
+def _decode_sight(sight: RecordedSight, mode: str) -> ImagesAtTime:
+    images = dict(_decode(sight.beside))
+    images |= {_ALONE.get(mode, "mixed"): image for _, image in _decode((sight.perceived,))}
+    return ImagesAtTime(sight.wanted_s, images)
+
+
+def _decode(messages: Sequence[Message]) -> Iterator[tuple[str, BgrImage]]:
+    for message in messages:
+        try:
+            document = json.loads(message.data)
+            kind = document["wil"]["type"]
+            if kind in {"camera", "depth"}:
+                image = image_of(document)
+                yield str(document["wil"]["source"]), _as_bgr(image, is_depth=kind == "depth")
+        except (KeyError, ValueError, TypeError, AttributeError, cv2.error):
+            continue  # a reading of another type, or of another program
+
+
+def _as_bgr(image: NDArray[Any], *, is_depth: bool) -> BgrImage:
+    if is_depth:
+        return color_depth(image)
+    bgr: BgrImage = image
+    if image.ndim == 2:
+        bgr = cv2.cvtColor(image.astype(np.uint8), cv2.COLOR_GRAY2BGR).astype(np.uint8)
+    return bgr

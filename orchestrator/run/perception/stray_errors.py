@@ -1,0 +1,78 @@
+"""Errors beside the autonomy's calls: in its threads, tasks, callbacks, and as it is freed.
+
+Python prints such an error and goes on: an autonomy half of which is dead would pass.
+"""
+
+import sys
+import threading
+from collections import deque
+from types import TracebackType
+from typing import Any, Self
+
+from wil_campaign.orchestrator.run.perception.autonomy_calls import (
+    AutonomyFault,
+    fault_beside_calls,
+)
+from wil_campaign.orchestrator.state.run_state import RunState
+
+
+def decide_stray(run_state: RunState, subject: str, error: BaseException, where: str) -> None:
+    """Decide a run by an error beside the autonomy's calls: FAIL by its code, ERROR by ours."""
+    fault = fault_beside_calls(error, run_state.autonomy_folders)
+    if fault is None:
+        run_state.fault(error, where)
+    else:
+        decide_fault(run_state, subject, fault)
+
+
+def decide_fault(run_state: RunState, vehicle: str, fault: AutonomyFault) -> None:
+    """Decide a run by a fault of a vehicle's autonomy: from its goal on it is a FAIL."""
+    kind = "FAIL" if run_state.reached("goal") else fault.kind
+    reason = f"the autonomy of {vehicle} {fault}"
+    run_state.decide(kind, reason, source=f"autonomy/{vehicle}", trace=fault.trace)
+
+
+class StrayErrors:
+    """Takes the errors that Python would only print; a context manager of the main thread.
+
+    subject: the vehicle whose autonomy is under test.
+    """
+
+    def __init__(self, run_state: RunState, subject: str) -> None:
+        self._run_state = run_state
+        self._subject = subject
+        self._raised: deque[tuple[BaseException, str]] = deque()
+
+    def __enter__(self) -> Self:
+        self._before = threading.excepthook, sys.unraisablehook
+        threading.excepthook = self._on_thread_error
+        sys.unraisablehook = self._on_unraisable
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        threading.excepthook, sys.unraisablehook = self._before
+        self.decide()
+
+    def decide(self) -> None:
+        """Decide the run by what was raised since the last call."""
+        while self._raised:
+            decide_stray(self._run_state, self._subject, *self._raised.popleft())
+
+    def _on_thread_error(self, raised: Any) -> None:
+        """Keep the error of a thread for the main one. SystemExit ends a thread as asked."""
+        self._before[0](raised)
+        if raised.exc_value is not None and raised.exc_type is not SystemExit:
+            name = "a thread" if raised.thread is None else f"thread {raised.thread.name}"
+            self._raised.append((raised.exc_value, name))
+
+    def _on_unraisable(self, raised: Any) -> None:
+        """Keep an error without a caller, as of a `__del__`; those of packages are Python's."""
+        self._before[1](raised)
+        error, folders = raised.exc_value, self._run_state.autonomy_folders
+        if error is not None and fault_beside_calls(error, folders) is not None:
+            self._raised.append((error, "an object that is freed"))

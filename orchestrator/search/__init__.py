@@ -1,1 +1,0 @@
-"""Flies a search: its folder and ledger, its batches by an engine, files of what failed."""

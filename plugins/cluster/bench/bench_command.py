@@ -1,0 +1,90 @@
+"""`wil-campaign bench`: check bench files, and serve a bench to a cluster."""
+
+import tempfile
+import threading
+from multiprocessing.connection import Listener
+from pathlib import Path
+
+from wil_campaign.campaigns.setup.bench_file import Bench, load_benches
+from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import TakenError
+from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
+from wil_campaign.orchestrator.cli.arming_consent import has_terminal
+from wil_campaign.orchestrator.cli.commands.validate import bench_summary
+from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.plugins.cluster.bench.bench_consent import consent_at_bench
+from wil_campaign.plugins.cluster.bench.bench_node import bench_node
+from wil_campaign.plugins.cluster.bench.bench_server import BenchServer
+from wil_campaign.plugins.cluster.ray_engine import engine_address
+from wil_campaign.safety.guard.process.runtime_folder import open_runtime_folder
+
+
+def check(*files: Path) -> int:
+    """Report every fault of bench files, and equal names; nothing is connected to.
+
+    Parameters
+    ----------
+    files
+        Bench files.
+    """
+    if not files:
+        err("bench check needs at least one file")
+        return 2
+    for bench in load_benches(files):
+        out(f"{bench.document.name}: {bench_summary(bench)}")
+    return 0
+
+
+def serve(file: Path, *, engine: str) -> int:
+    """Join a cluster, and fly its campaigns on a bench of this machine; Ctrl-C lands and ends it.
+
+    Each campaign needs consent on this terminal, after the vehicle was identified. Guard,
+    operator socket and `wil-campaign abort` are those of this machine.
+
+    Parameters
+    ----------
+    file
+        The bench file.
+    engine
+        The cluster: ray://HOST:PORT.
+    """
+    (bench,) = load_benches((file,))
+    if not has_terminal():
+        err("bench serve needs a terminal: consent to arm is given there, by a person at the bench")
+        return 2
+    try:
+        address = engine_address(engine)
+        if address is None:
+            err("--engine ray: a bench joins a running cluster; give --engine ray://HOST:PORT")
+            return 2
+        with held_benches((bench,)):
+            return _serve_bench(bench, address)
+    except TakenError as error:
+        err(error)
+        return 3
+    except EngineError as error:
+        err(error)
+        return error.code
+    except KeyboardInterrupt:
+        return 0  # vehicles that flew have landed
+
+
+def _serve_bench(bench: Bench, address: str) -> int:
+    """Serve a bench until its node of the cluster has ended. Raises EngineError."""
+    server = BenchServer(bench, consent=lambda request: consent_at_bench(bench, request), say=err)
+    with tempfile.TemporaryDirectory(prefix="bench-", dir=open_runtime_folder().path) as folder:
+        socket = Path(folder) / "server"
+        with (
+            Listener(str(socket), family="AF_UNIX") as listener,
+            bench_node(address, bench.facts, socket) as node,
+        ):
+
+            def stop_with_node() -> None:
+                node.wait()
+                server.stop(str(socket))
+
+            threading.Thread(target=stop_with_node, daemon=True).start()
+            err(f"{bench_summary(bench)}, serves {address}; Ctrl-C ends it")
+            server.serve(listener)
+    err(f"bench {bench.name}: the connection to {address} is lost; start `bench serve` again")
+    return 3

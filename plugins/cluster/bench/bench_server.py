@@ -1,0 +1,156 @@
+"""The server of a bench: accepts one campaign at a time, and starts a node process to fly it.
+
+It is an ordinary program on the bench's machine and terminal, outside of Ray. Its node processes
+land their run when it ends, or when the cluster does.
+"""
+
+import os
+import socket
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing.connection import Client, Connection, Listener
+
+from wil_campaign.campaigns.setup.bench_file import Bench
+from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
+from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
+from wil_campaign.plugins.cluster.bench.bench_gate import BenchGate
+from wil_campaign.plugins.cluster.bench.bench_messages import FILE, TEXT
+from wil_campaign.plugins.cluster.node_agent import NodeAgent
+from wil_campaign.plugins.cluster.node_messages import (
+    CommandSent,
+    ConsentAnswer,
+    ConsentAsked,
+    DamagedMessageError,
+    NodeFacts,
+    RunEnded,
+    ToNode,
+    decode_to_campaign,
+    decode_to_node,
+    encode_to_campaign,
+    encode_to_node,
+)
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+
+_POLL_S = 1.0
+_RELAYED_S = 10.0
+"""How long a campaign's machine that stands still may keep the last messages from being relayed."""
+
+
+class BenchServer:
+    """Serves a bench to a cluster. consent: asks the person at the bench; say: shows a sentence."""
+
+    def __init__(
+        self,
+        bench: Bench,
+        *,
+        consent: Callable[[ConsentAsked], ConsentAnswer],
+        say: Callable[[str], None],
+    ) -> None:
+        self._bench = bench
+        self._consent = consent
+        self._say = say
+        self._stopped = threading.Event()
+
+    def serve(self, listener: Listener) -> None:
+        """Serve one connection after the other, until `stop`.
+
+        Raises EngineError for a damaged message, after the landing.
+        """
+        while True:
+            with listener.accept() as connection:
+                if self._stopped.is_set():
+                    return
+                self.serve_campaign(connection)
+
+    def stop(self, socket: str) -> None:
+        """End `serve` once no campaign is served; called in another thread."""
+        self._stopped.set()
+        with suppress(OSError), Client(socket, family="AF_UNIX"):
+            pass  # the connection wakes `serve`
+
+    def serve_campaign(self, connection: Connection) -> None:
+        """Serve one campaign until its connection ends and its vehicles have landed.
+
+        Raises EngineError for a damaged message, after the landing.
+        """
+        node = NodeAgent()
+        lock = threading.Lock()
+
+        def reply(content: bytes) -> None:
+            with lock, suppress(OSError):  # the campaign's machine has closed the connection
+                connection.send_bytes(content)
+
+        relay = threading.Thread(target=self._relay_replies, args=(node, connection, reply))
+        relay.start()
+        gate = BenchGate(self._bench)
+        try:
+            while True:
+                content = connection.recv_bytes()
+                self._handle(decode_to_node(content), content, gate, node, reply)
+        except DamagedMessageError as error:
+            raise EngineError(
+                f"bench {self._bench.name}: a message of the cluster is damaged, and vehicles in "
+                f"flight have landed: {error}; install the same wheel of wil-campaign[cluster] "
+                "with the same constraints on the machine of the campaign, then start "
+                "`bench serve` again"
+            ) from error
+        except (EOFError, OSError):
+            pass
+        except KeyboardInterrupt:
+            abort = OperatorCommand("abort", f"Ctrl-C at the terminal of bench {self._bench.name}")
+            with suppress(OSError):
+                node.send(encode_to_node(CommandSent(abort)))
+            raise
+        finally:
+            node.close()
+            relay.join(_RELAYED_S)
+            _shut(connection)
+            relay.join()
+            self._say(f"bench {self._bench.name} is free")
+
+    def _handle(
+        self,
+        message: ToNode,
+        content: bytes,
+        gate: BenchGate,
+        node: NodeAgent,
+        reply: Callable[[bytes], None],
+    ) -> None:
+        """Answer a message, or relay its content to the node process."""
+        if isinstance(message, ConsentAsked):
+            answer = self._consent(message)
+            if not answer.problem:
+                gate.open_for(message)
+            reply(encode_to_campaign(answer))
+        elif refusal := gate.refusal(message):
+            self._say(f"refused: {refusal}")
+            reply(encode_to_campaign(RunEnded.of(WorkerLost(refusal))))
+        else:
+            node.send(content)
+
+    def _relay_replies(
+        self, node: NodeAgent, connection: Connection, reply: Callable[[bytes], None]
+    ) -> None:
+        """Relay the node process's messages until it ends; the bench's file joins its facts."""
+        with suppress(EOFError, OSError):  # a damaged message ends the campaign, too
+            while True:
+                for content in node.receive(_POLL_S):
+                    message = decode_to_campaign(content)
+                    if isinstance(message, NodeFacts):
+                        content = encode_to_campaign(self._with_file(message))  # noqa: PLW2901
+                    reply(content)
+        _shut(connection)
+
+    def _with_file(self, message: NodeFacts) -> NodeFacts:
+        """Return the facts of a node with its bench's file."""
+        document = self._bench.document
+        lines = document.root.place.source.lines
+        file = {TEXT: "\n".join(lines), FILE: str(document.path.absolute())}
+        return NodeFacts({**message.facts, **file})
+
+
+def _shut(connection: Connection) -> None:
+    """Shut down a connection that another thread reads from or writes to."""
+    with suppress(OSError), socket.socket(fileno=os.dup(connection.fileno())) as one:
+        one.shutdown(socket.SHUT_RDWR)

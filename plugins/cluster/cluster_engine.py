@@ -1,0 +1,46 @@
+"""The engine that `--engine` names, started for a campaign that was cleared to fly."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+from wil_campaign.campaigns.expansion.expansion import Campaign
+from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
+from wil_campaign.orchestrator.cli.clock_choice import shared_of
+from wil_campaign.orchestrator.cli.standard_streams import err
+from wil_campaign.plugins.cluster.ray_engine import engine_address, ray_engine
+from wil_campaign.plugins.cluster.store import Store, StoreRefusedError, open_store
+
+
+@contextmanager
+def cluster_engine(
+    campaign: Campaign,
+    options: FlightOptions,
+    cleared: Cleared,
+    *,
+    store: Store | None,
+    runs: int,
+    again: bool,
+) -> Iterator[Cleared]:
+    """Start Ray, or join a cluster; yield the clearance to fly `runs` there.
+
+    again: the engine flies further campaigns. Raises EngineError.
+    """
+    address = engine_address(options.engine)
+    # A cluster has more cores than this machine.
+    is_open = address is not None and options.jobs is None and not shared_of(campaign)
+    count = None if is_open else min(cleared.jobs, runs)
+    cores = 1 if cleared.clock == "virtual" else 2
+    with ray_engine(
+        address, jobs=count, cores=cores, keeps_agents=again, store=store, say=err
+    ) as engine:
+        yield replace(cleared, engine=engine, jobs=engine.places)
+
+
+def store_of_results(url: str) -> Store:
+    """Return the store of --store. Raises EngineError for one that is refused."""
+    try:
+        return open_store(url)
+    except StoreRefusedError as error:
+        raise EngineError(str(error), 2) from error

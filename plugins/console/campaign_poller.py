@@ -1,0 +1,127 @@
+"""Polls the status of campaigns and guards on this machine through their operator sockets."""
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, Self
+
+from wil_campaign.orchestrator.operator.campaign_records import Place
+from wil_campaign.orchestrator.operator.flight_scope import FlightScope
+from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask
+from wil_campaign.worlds.files.limited_json import read_json
+
+POLL_S = 0.5
+_THREADS = 8
+_MOST_ENDED = 4
+_WHO = "console"
+
+
+class CampaignPoller:
+    """Polls the flights of a scope; a context manager."""
+
+    def __init__(self, scope: FlightScope) -> None:
+        self._scope = scope
+        self._threads = ThreadPoolExecutor(_THREADS, thread_name_prefix="poll")
+        self._planned: dict[Path, list[str]] = {}
+        self._last: dict[Path, dict[str, Any]] = {}
+        self._reasons: dict[Path, str] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._threads.shutdown(wait=False, cancel_futures=True)
+
+    def poll(self) -> dict[str, Any]:
+        """Return the status of all campaigns and guards; of ended ones the last status."""
+        try:
+            found = self._scope.places()
+        except OSError as error:
+            return {"campaigns": list(self._last.values()), "guards": [], "problem": str(error)}
+        campaigns = list(self._threads.map(_status, found.campaigns))
+        guards = list(self._threads.map(_status, found.guards))
+        flying = {place.folder for place in found.campaigns}
+        for place, status in zip(found.campaigns, campaigns, strict=True):
+            self._last[place.folder] = {
+                **self._last.get(place.folder, {}),
+                **status,
+                "planned": self._plan(place.folder),
+                "reasons": self._reasons_of(place.folder, status),
+                "is_over": False,
+            }
+        for folder in self._last.keys() - flying:
+            last = self._last[folder]
+            if not last["is_over"] or "accepted" not in last:
+                # Without a summary, as after a crash, the last known verdicts stay.
+                last |= {"is_over": True, "flying": {}, **_summary(folder)}
+        for folder in [one for one in self._last if one not in flying][:-_MOST_ENDED]:
+            del self._last[folder]
+        return {"campaigns": list(self._last.values()), "guards": guards, "problem": ""}
+
+    def is_landing(self) -> bool:
+        """Return whether a guard of the scope still runs."""
+        try:
+            return bool(self._scope.places().guards)
+        except OSError:
+            return False
+
+    def _reasons_of(self, folder: Path, status: Mapping[str, Any]) -> dict[str, str]:
+        """Return the reasons of the finished runs' verdicts, from their results."""
+        found = {}
+        for name in status.get("finished", {}):
+            run = folder / str(name)
+            if run not in self._reasons:
+                result = _document(run / "result.json")
+                if not result:
+                    continue
+                self._reasons[run] = str(result.get("reason", ""))
+            found[str(name)] = self._reasons[run]
+        return found
+
+    def _plan(self, folder: Path) -> list[str]:
+        """Return the names of a campaign's runs in campaign.json."""
+        if folder not in self._planned:
+            runs = _document(folder / "campaign.json").get("runs")
+            if not isinstance(runs, list):
+                return []
+            self._planned[folder] = [str(one.get("run")) for one in runs if isinstance(one, dict)]
+        return self._planned[folder]
+
+
+def _status(place: Place) -> dict[str, Any]:
+    """Return the status of a campaign or a guard; only its name and folder if it is silent."""
+    known: dict[str, Any] = {"name": place.name, "folder": str(place.folder)}
+    try:
+        answer = ask(place.socket, "status", who=_WHO)
+    except NoAnswerError as error:
+        return {**known, "is_answering": False, "problem": str(error)}
+    status = {key: one for key, one in answer.items() if key not in {"ok", "text", "command"}}
+    return {**status, **known, "is_answering": True, "problem": ""}
+
+
+def _summary(folder: Path) -> dict[str, Any]:
+    """Return the verdicts of an ended campaign; empty without a readable summary."""
+    found = _document(folder / "summary.json")
+    if not found:
+        return {}
+    runs = [*_list(found, "runs"), *_list(found, "controls")]
+    verdicts = {f"{one.get('case')}/{one.get('mode')}/{one.get('rep')}": one for one in runs}
+    return {
+        "finished": {name: str(one.get("verdict")) for name, one in verdicts.items()},
+        "reasons": {name: str(one.get("reason", "")) for name, one in verdicts.items()},
+        "accepted": found.get("accepted"),
+    }
+
+
+def _list(document: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
+    found = document.get(key)
+    return [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []
+
+
+def _document(path: Path) -> dict[str, Any]:
+    """Return a JSON document of a results folder; empty if it is unreadable."""
+    try:
+        found = read_json(path)
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}

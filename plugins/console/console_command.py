@@ -1,0 +1,90 @@
+"""`wil-campaign console`: shows runs in flight, or a finished run, in the browser."""
+
+import asyncio
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from wil_campaign.hooks import LiveViewError, live_views
+from wil_campaign.orchestrator.cli.live_views import views_beside
+from wil_campaign.orchestrator.cli.plugin_options import (
+    NO_OPTIONS,
+    PluginOptions,
+    given,
+    takes_options,
+)
+from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.plugins.console.console_address import ConsoleAddress
+from wil_campaign.plugins.console.console_process import ConsoleSettings, serve_console
+
+_UNAVAILABLE = 3
+_RECORDING = "run.mcap"
+_SLOWEST, _FASTEST = 0.01, 100.0
+
+
+@takes_options(live_views, "views", str | None, but="console")
+def console(
+    folder: Path | None = None,
+    *,
+    address: str = "127.0.0.1",
+    tls_cert: Path | None = None,
+    tls_key: Path | None = None,
+    speed: float = 1.0,
+    views: PluginOptions = NO_OPTIONS,
+    beside: Annotated[int | None, Parameter(show=False)] = None,
+) -> int:
+    """Show the runs in flight on this machine in the browser, and take an operator's commands.
+
+    It prints two links, each good for one browser: one for an operator, one for viewers. With the
+    folder of a finished run it shows that run again. Ctrl-C ends the console and nothing else.
+
+    Parameters
+    ----------
+    folder
+        Only the campaign or run with this results folder; or the folder of a finished run.
+    address
+        HOST, HOST:PORT or :PORT; by default a free port of 127.0.0.1. Another host than this
+        machine's own needs a certificate.
+    tls_cert
+        A certificate (PEM), with its chain.
+    tls_key
+        The certificate's key.
+    speed
+        The playback speed of a finished run; 1.0 is the speed of the flight.
+    """
+    if (tls_cert is None) != (tls_key is None):
+        err("--tls-cert and --tls-key go together")
+        return 2
+    if not _SLOWEST <= speed <= _FASTEST:
+        err(f"--speed is between {_SLOWEST} and {_FASTEST}")
+        return 2
+    recorded = _recorded(folder)
+    if recorded is not None and (wanted := next(iter(given(views)), "")):
+        err(f"--{wanted} shows runs in flight only: open {recorded / _RECORDING} in Foxglove")
+        return 2
+    try:
+        settings = ConsoleSettings(
+            address=ConsoleAddress.parse(address),
+            folder=folder,
+            recorded=recorded,
+            speed=speed,
+            tls=None if tls_cert is None or tls_key is None else (tls_cert, tls_key),
+        )
+        with views_beside(views, out, folder=folder):
+            asyncio.run(serve_console(settings, out, beside=beside))
+    except RecordingError as error:
+        err(error)
+        return _UNAVAILABLE
+    except LiveViewError as error:
+        err(error)
+        return error.code
+    return 0
+
+
+def _recorded(folder: Path | None) -> Path | None:
+    """Return the folder if it is of a finished run, else None."""
+    if folder is None or not (folder / _RECORDING).is_file():
+        return None
+    return folder if (folder / "result.json").is_file() else None

@@ -1,0 +1,210 @@
+"""Keeps the newest state of runs and campaigns, and sends it to all open pages."""
+
+import asyncio
+import time
+from collections import OrderedDict, deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+import msgspec
+
+from wil_campaign.orchestrator.live_feed.feed_messages import (
+    EventView,
+    FactsView,
+    FeedMessage,
+    ImageView,
+    RunView,
+)
+from wil_campaign.plugins.console.console_access import ConsoleAccess
+from wil_campaign.plugins.console.down_times import DownTimes
+from wil_campaign.plugins.console.page_client import PageClient, as_text, image_packet
+from wil_campaign.plugins.console.scene_document import RunScene
+
+_MOST_RUNS = 8
+"""Runs that are kept; a new one replaces the one that was silent longest."""
+_MOST_EVENTS = 1000
+_MOST_COMMANDS = 100
+
+Content = TypeVar("Content")
+
+
+@dataclass(frozen=True, slots=True)
+class _Received(Generic[Content]):
+    """What the hub received, and when: at_s since 1970; monotonic_s for its age."""
+
+    content: Content
+    at_s: float
+    monotonic_s: float
+
+    @classmethod
+    def now(cls, content: Content) -> "_Received[Content]":
+        """Return what is received now."""
+        return cls(content, time.time(), time.monotonic())
+
+    @property
+    def age_s(self) -> float:
+        """Return the time since the reception."""
+        return time.monotonic() - self.monotonic_s
+
+
+@dataclass(slots=True)
+class _RunRecord:
+    """The newest messages of one run. down: when each vehicle that is down was received as such."""
+
+    scene: RunScene | None = None
+    newest: _Received[RunView] | None = None
+    images: dict[str, _Received[ImageView]] = field(default_factory=dict)
+    events: deque[str] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
+    down: DownTimes = field(default_factory=DownTimes)
+
+    def view_text(self, received: _Received[RunView]) -> str:
+        """Return a run's state for the page, with the poses of its moving objects."""
+        view = received.content
+        moving = {} if self.scene is None else self.scene.moving(view.t_s, view.events)
+        moving |= {name: msgspec.structs.asdict(pose) for name, pose in view.flown.items()}
+        state = {**msgspec.structs.asdict(view), "flown": sorted(view.flown)}
+        when = {"at_s": received.at_s, "age_s": received.age_s, "down_at_s": self.down.at_s}
+        return as_text({"type": "run", "moving": moving, **state, **when})
+
+    def event_text(self, event: EventView) -> str:
+        """Return an event for the page, with when it was received, and whether it is a landing."""
+        at_s = time.time()
+        newest = None if self.newest is None else self.newest.content
+        down_at_s = self.down.take_event(event, newest, at_s)
+        document = msgspec.structs.asdict(event)
+        return as_text({"type": "event", **document, "at_s": at_s, "down_at_s": down_at_s})
+
+
+class ConsoleHub:
+    """Forwards live feeds and statuses to all open pages; a new page gets the present state.
+
+    about: the first message to every page. access: knows which session has control.
+    """
+
+    def __init__(self, *, about: Mapping[str, Any], access: ConsoleAccess) -> None:
+        self._about = dict(about)
+        self._access = access
+        self._pages: set[PageClient] = set()
+        self._runs: OrderedDict[str, _RunRecord] = OrderedDict()
+        self._status: _Received[dict[str, Any]] | None = None
+        self._commands: deque[str] = deque(maxlen=_MOST_COMMANDS)
+
+    def join(self, page: PageClient) -> None:
+        """Add a page: send it the present state, and from now on every update."""
+        session = page.session
+        you = {"number": session.number, "role": session.role, "name": session.name}
+        page.order(as_text({"type": "hello", "you": you, **self._about}))
+        for text in self._commands:
+            page.order(text)
+        for key, record in self._runs.items():
+            if record.scene is not None:
+                page.order(as_text(record.scene.document))
+            for text in record.events:
+                page.order(text)
+            if record.newest is not None:
+                page.show(f"run {key}", record.view_text(record.newest))
+            for name, image in record.images.items():
+                packet = image_packet(image.content, waited_s=image.age_s)
+                page.show_image(f"{key} {name}", packet)
+        if self._status is not None:
+            page.show("status", _status_text(self._status))
+        self._pages.add(page)
+        self.show_people()
+
+    def leave(self, page: PageClient) -> None:
+        """Remove a closed page."""
+        self._pages.discard(page)
+        self.show_people()
+
+    def views(self) -> list[RunView]:
+        """Return the newest states of all known runs."""
+        return [one.newest.content for one in self._runs.values() if one.newest is not None]
+
+    def say_goodbye(self) -> None:
+        """Tell all pages that the console ends with its campaign."""
+        self._order(as_text({"type": "goodbye"}))
+
+    def show_people(self) -> None:
+        """Send all pages the list of open sessions, and which has control."""
+        holder = self._access.in_control
+        people = {
+            session.number: {"number": session.number, "role": session.role, "name": session.name}
+            for session in (page.session for page in self._pages)
+        }
+        text = as_text(
+            {
+                "type": "people",
+                "people": list(people.values()),
+                "in_control": None if holder is None else holder.number,
+                "holder": "" if holder is None else holder.name,
+            }
+        )
+        self._order(text)
+
+    def show_status(self, document: Mapping[str, Any]) -> None:
+        """Send all pages the status of campaigns and guards; also the server's heartbeat."""
+        guards = [self._take_guard(guard) for guard in document["guards"]]
+        self._status = _Received.now({**document, "guards": guards})
+        text = _status_text(self._status)
+        for page in self._pages:
+            page.show("status", text)
+
+    def _take_guard(self, guard: Mapping[str, Any]) -> dict[str, Any]:
+        """Record which vehicles a guard reports down; return its status with the times."""
+        record = self._runs.get(guard["folder"])
+        if record is None:
+            return dict(guard)
+        phases = guard.get("vehicles", {})
+        down = [name for name, phase in phases.items() if phase == "down"]
+        for name in down:
+            record.down.add(name, time.time())
+        return {**guard, "down_at_s": {name: record.down.at_s[name] for name in down}}
+
+    def show_command(self, document: Mapping[str, Any]) -> None:
+        """Send all pages, also later ones, a command of this console and its replies."""
+        text = as_text({"type": "command", "at_s": time.time(), **document})
+        self._commands.append(text)
+        self._order(text)
+
+    async def take(self, message: FeedMessage) -> None:
+        """Take a message of a live feed."""
+        record = self._record(message.run)
+        match message:
+            case RunView():
+                record.newest = received = _Received.now(message)
+                record.down.take_view(message, received.at_s)
+                text = record.view_text(received)
+                for page in self._pages:
+                    page.show(f"run {message.run}", text)
+            case ImageView():
+                record.images[message.name] = _Received.now(message)
+                packet = image_packet(message)
+                for page in self._pages:
+                    page.show_image(f"{message.run} {message.name}", packet)
+            case EventView():
+                text = record.event_text(message)
+                record.events.append(text)
+                self._order(text)
+            case FactsView():
+                # In a thread: reading meshes from files must not delay commands.
+                scene = await asyncio.to_thread(RunScene.of, message.run, message.facts)
+                record.scene = scene
+                self._order(as_text(scene.document))
+
+    def _order(self, text: str) -> None:
+        """Send all pages a message that must arrive."""
+        for page in self._pages:
+            page.order(text)
+
+    def _record(self, run: str) -> _RunRecord:
+        record = self._runs.setdefault(run, _RunRecord())
+        self._runs.move_to_end(run)
+        if len(self._runs) > _MOST_RUNS:
+            self._runs.popitem(last=False)
+        return record
+
+
+def _status_text(status: _Received[dict[str, Any]]) -> str:
+    """Return the status of campaigns and guards for the page."""
+    return as_text({"type": "status", **status.content, "age_s": status.age_s})

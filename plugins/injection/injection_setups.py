@@ -1,0 +1,105 @@
+"""The setups of injections, and their checks against campaign, world and vehicles; pure."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from wil_campaign.campaigns.checks.place_checks import judged_world
+from wil_campaign.campaigns.schema import Mode
+from wil_campaign.campaigns.setup.case_files import CaseFiles
+from wil_campaign.campaigns.setup.case_setup import FLIES, ObserverSetup, Setup, VehicleSetup
+from wil_campaign.plugins.injection.injection_support import unsupported_injection
+from wil_campaign.recipes.working import Side
+from wil_campaign.worlds.files.documents import Path, Problem, closest
+
+Injected = Literal[
+    "obstacle_distance",
+    "distance_sensor",
+    "adsb_vehicle",
+    "landing_target",
+    "vision_position_estimate",
+    "odometry",
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InjectionSetup:
+    """An injection: a MAVLink message that is sent to the autopilots from outside.
+
+    sensor: whose mixed readings it is made of; objects: whose places it is made of. to: the
+    vehicles that receive it. rate_hz: None for the default of the autopilot.
+    """
+
+    thing: Injected
+    to: tuple[Side, ...]
+    sensor: str | None = None
+    objects: tuple[str, ...] = ()
+    rate_hz: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class InjectionSetups(ObserverSetup):
+    """All injections of a case."""
+
+    injections: tuple[InjectionSetup, ...]
+
+    @property
+    def feeds_autopilots(self) -> bool:
+        """Return True: autopilots get what is mixed."""
+        return True
+
+    def problems(self, files: CaseFiles, setup: Setup, mode: Mode, /) -> Iterator[Problem]:
+        """Yield the problems of one mode's injections."""
+        for injection in self.injections:
+            yield from _injection(files, setup, mode, injection)
+
+
+_SENSOR_OF = {"obstacle_distance": "lidar", "distance_sensor": "rangefinder"}
+"""The type of sensor from which an injected message is made."""
+_POSES = frozenset({"vision_position_estimate", "odometry"})
+
+
+def _injection(
+    files: CaseFiles, setup: Setup, mode: Mode, injection: InjectionSetup
+) -> Iterator[Problem]:
+    """Yield the problems of an injection into the autopilots in a mode."""
+    path: Path = ("inject", injection.thing)
+    for name in FLIES[mode]:
+        if name not in injection.to:
+            continue
+        vehicle = setup.vehicles[name]
+        yield from _missing_sensors(files, path, vehicle, injection)
+        for reason in unsupported_injection(vehicle.autopilot, injection.thing):
+            message = f"'{name}' ({vehicle.autopilot}) would ignore it: {reason}"
+            yield files.campaign.problem(path, message, key=True)
+    scene = setup.world.scene(mode, judged_world(mode))
+    for index, thing in enumerate(injection.objects):
+        at: Path = (*path, "objects", index) if injection.thing != "landing_target" else path
+        if thing not in setup.world.objects:
+            meant = closest(thing, setup.world.objects)
+            yield files.campaign.problem(at, f"no object '{thing}' in the world", meant)
+        elif thing not in scene:
+            message = f"'{thing}' is not in {judged_world(mode)} in mode {mode}"
+            yield files.campaign.problem(at, message)
+
+
+def _missing_sensors(
+    files: CaseFiles, path: Path, vehicle: VehicleSetup, injection: InjectionSetup
+) -> Iterator[Problem]:
+    """Yield an injection's sensor, or source of poses, that the vehicle lacks."""
+    kind = _SENSOR_OF.get(injection.thing)
+    if kind is not None:
+        fitting = [sensor.name for sensor in vehicle.sensors if sensor.kind == kind]
+        if injection.sensor not in fitting:
+            message = f"vehicle '{vehicle.name}' has no {kind} '{injection.sensor}'"
+            meant = closest(injection.sensor or "", fitting)
+            yield files.campaign.problem((*path, "sensor"), message, meant)
+    if injection.thing in _POSES and injection.sensor is not None:
+        fitting = [sensor.name for sensor in vehicle.sensors if sensor.kind == "pose"]
+        if injection.sensor not in fitting:
+            message = f"vehicle '{vehicle.name}' has no pose '{injection.sensor}'"
+            meant = closest(injection.sensor, fitting)
+            yield files.campaign.problem((*path, "sensor"), message, meant)
+    elif injection.thing in _POSES and vehicle.pose_source != "mocap":
+        message = f"'{vehicle.name}' has no motion capture: it needs pose_source: mocap"
+        yield files.campaign.problem(path, message, key=True)

@@ -1,0 +1,1 @@
+"""Campaigns from flight logs: origin, course, vehicle, firmware and parameters of a flight."""

@@ -1,0 +1,152 @@
+"""Reads ArduPilot's logs (.bin), by pymavlink's DFReader."""
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+from wil_campaign.plugins.logs.logged_flight import LogError, LoggedFlight, PowerSample
+from wil_campaign.plugins.logs.track_builder import TrackBuilder
+
+_VERSION = re.compile(r"Ardu(Copter|Plane|Rover|Sub) V?(\S+) \(([0-9a-f]+)\)|APM:Copter V(\S+)")
+_FRAME = re.compile(r"Frame: (\w+)")
+_ARMED, _DISARMED = 10, 11
+"""Ids of EV."""
+_FRAMES = {
+    "QUAD": "quadrotor",
+    "HEXA": "hexarotor",
+    "OCTA": "octorotor",
+    "TRI": "tricopter",
+    "Y6": "hexarotor",
+    "COAX": "coaxial",
+}
+_CLASSES = {1: "quadrotor", 2: "hexarotor", 3: "octorotor", 7: "tricopter"}
+"""Of FRAME_CLASS."""
+
+
+def read_dataflash(path: Path) -> LoggedFlight:
+    """Return the flight of a .bin. Raises LogError."""
+    from pymavlink import DFReader  # noqa: PLC0415 - slow to import
+
+    vehicle = _Vehicle()
+    noise = StringIO()
+    try:
+        with redirect_stdout(noise), redirect_stderr(noise):
+            log = DFReader.DFReader_binary(str(path))
+            try:
+                while (message := log.recv_match(type=list(_TAKEN))) is not None:
+                    vehicle.take(message)
+            finally:
+                log.filehandle.close()
+    except Exception as error:  # DFReader raises whatever a damaged file causes
+        raise LogError(f"{path} cannot be read as a log of ArduPilot (.bin): {error}") from error
+    if not vehicle.is_any:
+        raise LogError(f"{path} has no message that tells of a flight: is it a log of ArduPilot?")
+    return vehicle.flight(is_damaged="bad header" in noise.getvalue().lower())
+
+
+class _Vehicle:
+    """What the messages of a log say of its vehicle."""
+
+    def __init__(self) -> None:
+        self._track = TrackBuilder()
+        self._texts: list[str] = []
+        self._parameters: dict[str, float] = {}
+        self._armed: list[tuple[float, bool]] = []
+        self._power: list[PowerSample] = []
+        self.is_any = False
+
+    def take(self, message: Any) -> None:
+        """Take one message."""
+        self.is_any = True
+        stamp = getattr(message, "TimeUS", None)
+        t_s = float(message._timestamp) if stamp is None else float(stamp) * 1e-6  # noqa: SLF001 - its only access
+        _TAKEN[message.get_type()](self, t_s, message)
+
+    def local(self, t_s: float, message: Any) -> None:
+        """Take a position of the estimator's first core."""
+        if getattr(message, "C", 0) == 0:
+            self._track.local(t_s, message.PN, message.PE, message.PD)
+            self._track.yaw(t_s, math.radians(message.Yaw))
+
+    def place(self, t_s: float, message: Any) -> None:
+        """Take a place on Earth."""
+        self._track.place(t_s, message.Lat, message.Lng, message.Alt)
+
+    def origin(self, _t_s: float, message: Any) -> None:
+        """Take the origin of the estimator (type 0)."""
+        if getattr(message, "Type", 0) == 0:
+            self._track.set_origin(message.Lat, message.Lng, message.Alt)
+
+    def attitude(self, t_s: float, message: Any) -> None:
+        """Take a heading."""
+        self._track.yaw(t_s, math.radians(message.Yaw))
+
+    def text(self, _t_s: float, message: Any) -> None:
+        """Take a text: the firmware's name, and the frame."""
+        self._texts.append(str(message.Message))
+
+    def parameter(self, _t_s: float, message: Any) -> None:
+        """Take a parameter."""
+        self._parameters[str(message.Name)] = float(message.Value)
+
+    def event(self, t_s: float, message: Any) -> None:
+        """Take arming and disarming."""
+        if message.Id in {_ARMED, _DISARMED}:
+            self._arm(t_s, armed=message.Id == _ARMED)
+
+    def arming(self, t_s: float, message: Any) -> None:
+        """Take the state of arming."""
+        self._arm(t_s, armed=bool(message.ArmState))
+
+    def battery(self, t_s: float, message: Any) -> None:
+        """Take voltage and current of the first battery."""
+        if getattr(message, "Instance", getattr(message, "Inst", 0)) == 0 and message.Volt > 0:
+            current = float(getattr(message, "Curr", -1.0))
+            amperes = current if current >= 0.0 else None
+            self._power.append(PowerSample(t_s, float(message.Volt), amperes))
+
+    def _arm(self, t_s: float, *, armed: bool) -> None:
+        if not self._armed or self._armed[-1][1] is not armed:
+            self._armed.append((t_s, armed))
+
+    def flight(self, *, is_damaged: bool) -> LoggedFlight:
+        """Return the flight."""
+        named = next((match for text in self._texts if (match := _VERSION.search(text))), None)
+        frame = next((match[1] for text in self._texts if (match := _FRAME.search(text))), "")
+        by_class = _CLASSES.get(int(self._parameters.get("FRAME_CLASS", 0)), "")
+        firmware = ""
+        if named is not None:
+            firmware = named[4] or f"{named[2].lstrip('V')} ({named[3]})"
+        problems = ["it is damaged: what could be read is used"] if is_damaged else []
+        if named is not None and named[1] not in {None, "Copter"}:
+            problems.append(f"it is of Ardu{named[1]}; only multicopters are flown")
+        return LoggedFlight(
+            kind="a log of ArduPilot",
+            autopilot="ardupilot",
+            vehicle_type=_FRAMES.get(frame.upper(), by_class),
+            firmware=firmware,
+            parameters=self._parameters,
+            track=self._track.track,
+            origin=self._track.origin,
+            armed=self._armed,
+            power=self._power,
+            problems=tuple(problems),
+        )
+
+
+_TAKEN: Mapping[str, Callable[[_Vehicle, float, Any], None]] = {
+    "XKF1": _Vehicle.local,
+    "NKF1": _Vehicle.local,
+    "POS": _Vehicle.place,
+    "ORGN": _Vehicle.origin,
+    "ATT": _Vehicle.attitude,
+    "MSG": _Vehicle.text,
+    "PARM": _Vehicle.parameter,
+    "EV": _Vehicle.event,
+    "ARM": _Vehicle.arming,
+    "BAT": _Vehicle.battery,
+}

@@ -1,0 +1,100 @@
+"""Reads bags of ROS 2 in MCAP: odometry, poses and fixes, and PX4's own messages."""
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+
+from wil_campaign.plugins.logs.logged_flight import LogError, LoggedFlight
+from wil_campaign.plugins.logs.track_builder import TrackBuilder
+
+_ODOMETRY, _POSE, _POSE_COV = (
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+)
+_FIX, _PX4 = "sensor_msgs/msg/NavSatFix", "px4_msgs/msg/VehicleLocalPosition"
+_ORDER = (_PX4, _ODOMETRY, _POSE_COV, _POSE)
+"""The first of these that a bag has is its track."""
+
+
+def read_ros_bag(path: Path) -> LoggedFlight:
+    """Return the flight of a bag. Raises LogError."""
+    try:
+        from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise LogError(
+            f"{path} may be a bag of ROS 2, which mcap-ros2-support reads: "
+            "pip install 'wil-campaign[ros]'"
+        ) from error
+    try:
+        with path.open("rb") as stream:
+            reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+            summary = reader.get_summary()
+            topics = {} if summary is None else _topics(summary)
+            if not topics:
+                raise LogError(_no_pose(path, summary))
+            track, is_px4 = TrackBuilder(), _PX4 in topics
+            wanted = {topics[name]: name for name in (*_ORDER, _FIX) if name in topics}
+            first = next((name for name in _ORDER if name in topics), None)
+            for _, channel, message, ros in reader.iter_decoded_messages(topics=list(wanted)):
+                kind = wanted[channel.topic]
+                if kind in {first, _FIX}:
+                    _TAKERS[kind](track, message.log_time * 1e-9, ros)
+    except (McapError, OSError, ValueError, KeyError) as error:
+        raise LogError(f"{path} cannot be read as an MCAP file: {error}") from error
+    return LoggedFlight(
+        kind="a bag of ROS 2",
+        autopilot="px4" if is_px4 else None,
+        track=track.track,
+        origin=track.origin,
+        problems=("a bag does not tell parameters, firmware and arming",),
+    )
+
+
+def _topics(summary: Any) -> dict[str, str]:
+    """Return by name of a known schema its first topic."""
+    found: dict[str, str] = {}
+    for channel in summary.channels.values():
+        schema = summary.schemas.get(channel.schema_id)
+        if schema is not None and schema.name in {*_ORDER, _FIX}:
+            found.setdefault(schema.name, channel.topic)
+    return found
+
+
+def _no_pose(path: Path, summary: Any) -> str:
+    """Return in words that a file has no topic that tells of a flight."""
+    names = [] if summary is None else sorted(one.name for one in summary.schemas.values())
+    has = f"it has {', '.join(names[:8])}" if names else "it has no schemas: was it cut off?"
+    return f"{path} has no topic of {', '.join(_ORDER)}; {has}"
+
+
+def _take_px4(track: TrackBuilder, t_s: float, ros: Any) -> None:
+    track.local(t_s, ros.x, ros.y, ros.z)
+    track.yaw(t_s, ros.heading)
+    if ros.xy_global and ros.z_global:
+        track.set_origin(ros.ref_lat, ros.ref_lon, ros.ref_alt)
+
+
+def _take_pose(track: TrackBuilder, t_s: float, pose: Any) -> None:
+    """Take a pose in ROS's frames: east, north, up; yaw counterclockwise from east."""
+    place, q = pose.position, pose.orientation
+    track.local(t_s, place.y, place.x, -place.z)
+    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    track.yaw(t_s, math.pi / 2.0 - yaw)
+
+
+def _take_fix(track: TrackBuilder, t_s: float, ros: Any) -> None:
+    track.place(t_s, ros.latitude, ros.longitude, ros.altitude)
+
+
+_TAKERS: Mapping[str, Callable[[TrackBuilder, float, Any], None]] = {
+    _PX4: _take_px4,
+    _ODOMETRY: lambda track, t_s, ros: _take_pose(track, t_s, ros.pose.pose),
+    _POSE_COV: lambda track, t_s, ros: _take_pose(track, t_s, ros.pose.pose),
+    _POSE: lambda track, t_s, ros: _take_pose(track, t_s, ros.pose),
+    _FIX: _take_fix,
+}

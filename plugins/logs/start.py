@@ -1,0 +1,242 @@
+"""`wil-campaign init --from LOG`: the files of a campaign around a logged flight."""
+
+import math
+from collections.abc import Iterable, Iterator
+from importlib.resources import files
+from pathlib import Path
+
+import yaml
+
+from wil_campaign.plugins.logs.battery import Battery, battery_of
+from wil_campaign.plugins.logs.course import Course, course_of
+from wil_campaign.plugins.logs.log_reader import read_log
+from wil_campaign.plugins.logs.logged_flight import LogError, LoggedFlight
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.embedded.autopilot.known_parameters import default_parameters
+from wil_campaign.worlds.files.problems import BadInput, Problem, printable
+from wil_campaign.worlds.geodesy import Geodetic, LocalFrame
+
+_MOVING = {
+    "px4": ("MPC_",),
+    "ardupilot": ("WPNAV_", "WP_", "LOIT_", "PILOT_", "ANGLE_MAX", "ATC_", "PSC_", "LAND_"),
+}
+"""Prefixes of the parameters that say how the vehicle moves."""
+_AHEAD_M, _UP_M = 3.0, 2.0
+_UNTOLD = Geodetic(47.397742, 8.545594, 488.0)
+_PROFILE = "profile.yaml"
+
+
+def files_from_log(log: Path, name: str, *, profile: bool) -> dict[str, str]:
+    """Return the texts of a campaign's files by name, from a log. name: the campaign's.
+
+    profile: whether one of them is the vehicle's profile. Raises BadInput.
+    """
+    try:
+        flight = read_log(log)
+    except LogError as error:
+        message = str(error).removeprefix(f"{log} ")
+        raise BadInput([Problem(str(log), 0, 0, message)]) from error
+    course = course_of(flight)
+    autopilot = flight.autopilot or "px4"
+    texts = {
+        "campaign.yaml": _campaign(flight, course, name=name, log=log, profile=profile),
+        "world.yaml": _world(flight, course),
+        "autonomy.py": _autonomy(),
+        f"{autopilot}.params": _parameter_file(flight),
+    }
+    if profile:
+        texts[_PROFILE] = _profile(battery_of(flight, course), log)
+    return texts
+
+
+def _campaign(
+    flight: LoggedFlight, course: Course | None, *, name: str, log: Path, profile: bool
+) -> str:
+    """Return the campaign file."""
+    autopilot = flight.autopilot or "px4"
+    yaw = 0.0 if course is None or course.yaw_rad is None else math.degrees(course.yaw_rad)
+    lines = [
+        "# yaml-language-server: $schema=schemas/campaign.schema.json",
+        "# The flight of a log, again.  wil-campaign run campaign.yaml",
+        *_facts(flight, course, log),
+        "schema: wil/campaign/1",
+        f"campaign: {name}",
+        f"description: Fly the course of {_quoted_in(printable(log.name))}",
+        "",
+        "vehicles:",
+        "  real:                       # embedded until you attach one: link: udpin://0.0.0.0:14550",
+        "    link: embedded",
+        *_vehicle(flight, autopilot, "nominal", yaw),
+        "  twin:",
+        "    link: embedded",
+        *_vehicle(flight, autopilot, _PROFILE if profile else "nominal", yaw),
+        "",
+        "world: world.yaml",
+        *_goal(course),
+        "",
+        "cases:",
+        "  logged: {}",
+        "  # Variants around the flight: wind, a weaker motor, other parameters. For example:",
+        "  # gusty: {vehicles.real.profile: cage}",
+        "modes: [sim, real]            # wil needs sensors and a recipe: docs/recipes.md",
+        "repetitions: 1",
+        "seed: 1",
+        "",
+        *_limits(course),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _facts(flight: LoggedFlight, course: Course | None, log: Path) -> Iterator[str]:
+    """Yield comments of what the log tells, and of what it does not."""
+    yield f"# From {printable(str(log))}: {flight.kind}."
+    vehicle = flight.vehicle_type or "not told; only multicopters are flown"
+    yield f"# vehicle: {printable(vehicle)}"
+    if flight.autopilot is None:
+        yield "# autopilot: not told; px4 is a guess"
+    yield f"# firmware: {printable(flight.firmware) or 'not told'}"
+    if flight.vehicle_type not in {"", "quadrotor"}:
+        yield "# The embedded vehicle is a quadrotor: it stands in for this one."
+    if course is None:
+        yield "# course: not told: no position, or the vehicle never left the ground"
+    else:
+        yield f"# flown: {course.duration_s:.1f} s" + (
+            f"; of {course.flights} flights the longest" if course.flights > 1 else ""
+        )
+    for problem in flight.problems:
+        yield f"# {printable(problem)}"
+
+
+def _vehicle(
+    flight: LoggedFlight, autopilot: AutopilotName, profile: str, yaw_deg: float
+) -> Iterator[str]:
+    yield f"    autopilot: {autopilot}"
+    yield f"    profile: {profile}"
+    yield f"    start: {{north_m: 0, east_m: 0, up_m: 0, yaw_deg: {yaw_deg:.1f}}}"
+    yield "    pose_source: mavlink"
+    moving = dict(_moving_parameters(flight, autopilot))
+    if moving:
+        yield f"    params:                   # where they differ; all are in {autopilot}.params"
+        for name, value in moving.items():
+            yield f"      {name}: {value:g}"
+    elif not flight.parameters:
+        yield "    # params: not told"
+
+
+def _moving_parameters(
+    flight: LoggedFlight, autopilot: AutopilotName
+) -> Iterator[tuple[str, float]]:
+    """Yield the parameters of motion that the embedded vehicle has with other values."""
+    known = default_parameters(autopilot)
+    for name, value in sorted(flight.parameters.items()):
+        default = known.get(name)
+        if default is None or not name.startswith(_MOVING[autopilot]):
+            continue
+        if math.isfinite(value) and not math.isclose(value, default, rel_tol=1e-5, abs_tol=1e-9):
+            yield name, value
+
+
+def _goal(course: Course | None) -> Iterator[str]:
+    """Yield the autonomy and the goal: the course, or hovering."""
+    yield "autonomy:"
+    yield "  use: autonomy.py:Autonomy"
+    yield "  with:"
+    yield "    waypoints:                # north, east, up in metres from the start; speed in m/s"
+    if course is None or not course.waypoints:
+        yield f"      - [{_AHEAD_M:g}, 0, {_UP_M:g}, 0.5]        # not told: it flies ahead"
+        yield f"goal: {{altitude_m: {_UP_M:g}, position: {_position(_AHEAD_M, 0, _UP_M)}}}"
+        return
+    for one in course.waypoints:
+        yield f"      - [{one.north_m:g}, {one.east_m:g}, {one.up_m:g}, {one.speed_m_s:g}]"
+    last = course.waypoints[-1]
+    position = _position(last.north_m, last.east_m, last.up_m)
+    yield f"goal: {{altitude_m: {course.altitude_m:g}, position: {position}}}"
+
+
+def _position(north_m: float, east_m: float, up_m: float) -> str:
+    return f"{{north_m: {north_m:g}, east_m: {east_m:g}, up_m: {up_m:g}}}"
+
+
+def _limits(course: Course | None) -> Iterator[str]:
+    """Yield the fence and the oracles."""
+    box = ((-5, 5), (-5, 5), (-2, 8)) if course is None else course.box
+    sides = zip(("north_m", "east_m", "up_m"), box, strict=True)
+    text = ", ".join(f"{key}: [{low:g}, {high:g}]" for key, (low, high) in sides)
+    limit_s = 60.0 if course is None else math.ceil(1.5 * course.duration_s + 30.0)
+    yield "geofence:"
+    yield f"  box: {{{text}}}" + (
+        "   # not told" if course is None else "   # 5 m around the course"
+    )
+    yield "oracles:"
+    yield "  reached_position: {tolerance_m: 1.0}"
+    yield f"  time_limit: {{limit_s: {limit_s:g}}}"
+    yield "  geofence: {}"
+    yield "  vehicle_fault: {}"
+    yield "  landed: {}"
+
+
+def _world(flight: LoggedFlight, course: Course | None) -> str:
+    """Return the world file: open ground, at the place where the vehicle stood."""
+    lines = [
+        "# yaml-language-server: $schema=schemas/world.schema.json",
+        "# Open ground; the origin is where the vehicle stood before its takeoff.",
+        "schema: wil/world/1",
+    ]
+    place = _start_place(flight, course)
+    if place is None:
+        lines.append("# The log tells no place; this one is PX4's usual:")
+        lines.append(_origin_text(_UNTOLD))
+    else:
+        lines.append(_origin_text(place))
+    lines += [
+        "ground_up_m: 0",
+        "# objects:                    # what stands there, or only in the virtual world",
+        "#   box: {shape: {box: {size_m: [2, 2, 3]}}, pose: {north_m: 7, east_m: 0, up_m: 1.5}}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _origin_text(place: Geodetic) -> str:
+    degrees = f"latitude_deg: {place.latitude_deg:.7f}, longitude_deg: {place.longitude_deg:.7f}"
+    return f"origin: {{{degrees}, altitude_m: {place.altitude_m:.2f}}}"
+
+
+def _start_place(flight: LoggedFlight, course: Course | None) -> Geodetic | None:
+    origin = flight.origin
+    if origin is None or course is None:
+        return origin
+    frame = LocalFrame(origin.latitude_deg, origin.longitude_deg, origin.altitude_m)
+    start = course.start
+    return frame.to_geodetic((start.north_m, start.east_m, -start.up_m))
+
+
+def _autonomy() -> str:
+    return (files("wil_campaign.plugins.logs") / "course_autonomy.py.in").read_text("utf-8")
+
+
+def _parameter_file(flight: LoggedFlight) -> str:
+    """Return all parameters, as ground stations read them: a name and a value in a line."""
+    rows = [f"{name},{value:.9g}" for name, value in sorted(flight.parameters.items())]
+    head = "# Parameters of the log's vehicle" if rows else "# The log tells no parameters"
+    return "\n".join([head, *rows]) + "\n"
+
+
+def _profile(battery: Battery | None, log: Path) -> str:
+    """Return a profile: the shipped `nominal` with what the log tells of the battery."""
+    shipped = files("wil_campaign.vehicles.embedded") / "profiles" / "nominal.yaml"
+    document = yaml.safe_load(shipped.read_text("utf-8"))
+    name = printable(log.name)
+    document["description"] = f"The vehicle of {name}; what a log does not tell is of nominal"
+    known: Iterable[str] = ()
+    if battery is not None:
+        document["battery"] |= battery.values
+        known = battery.values
+    comment = f"# From {name}: battery {', '.join(known) or '(not told)'}. Of the shipped profile\n"
+    comment += "# nominal is what it does not tell: air, motors, estimator, mocap, camera, clock, "
+    comment += "sensors.\n"
+    return comment + yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
+
+
+def _quoted_in(text: str) -> str:
+    """Return a text that may stand in a plain YAML value."""
+    return "".join(char if char.isalnum() or char in "._- " else "_" for char in text)

@@ -1,0 +1,105 @@
+"""The command backend that sends a driver's commands through mavsdk."""
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from wil_campaign.plugins.mavsdk.ids import OWN_COMPONENT, OWN_SYSTEM
+from wil_campaign.plugins.mavsdk.mavsdk_client import MavsdkClient, RefusedError
+from wil_campaign.plugins.mavsdk.mavsdk_commands import MavsdkCommands
+from wil_campaign.plugins.mavsdk.mavsdk_onboard import MavsdkLogs, MavsdkMissions
+from wil_campaign.plugins.mavsdk.message_fields import fields_json
+from wil_campaign.plugins.mavsdk.messages import Choose
+from wil_campaign.plugins.mavsdk.relayed_link import RelayedLink
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
+from wil_campaign.vehicles.driver.command_backend import FailureListener
+from wil_campaign.vehicles.driver.onboard.onboard import Onboard
+from wil_campaign.vehicles.driver.session.commands import Commander
+from wil_campaign.vehicles.driver.session.session import Session
+from wil_campaign.vehicles.driver.vehicle_commands import VehicleCommands
+from wil_campaign.vehicles.errors import IdentifyError
+from wil_campaign.vehicles.links.link import Link
+from wil_campaign.vehicles.mavlink.codec import Codec
+
+_FIND_S = 5.0
+"""mavsdk knows a system once it has received its heartbeat; those come once a second."""
+
+
+class MavsdkBackend:
+    """The command backend of mavsdk, which runs in a separate process.
+
+    name: of the vehicle, for messages. Wall clock only; one backend, process and instance of mavsdk
+    for each vehicle. The driver's own ids must be mavsdk's: 245 and 190, which are the default.
+    """
+
+    sends_heartbeats = True
+
+    def __init__(self, *, name: str) -> None:
+        self._name = name
+        self.client = MavsdkClient(name=name)
+        self._codec = Codec(system_id=OWN_SYSTEM, component_id=OWN_COMPONENT)
+        self._link: Link | None = None
+
+    @property
+    def sender(self) -> Callable[[Any], None]:
+        """Return the sender of messages by mavsdk's MavlinkDirect.
+
+        A parameter whose bytes are no finite number (-1 of PX4's integers) is sent as a frame of
+        ours: MavlinkDirect takes JSON, which keeps none of the bits of NaN.
+        """
+        return self._send_message
+
+    def join(self, link: Link) -> Link:
+        """Return the link with mavsdk on it."""
+        self._link = RelayedLink(link=link, client=self.client)
+        return self._link
+
+    def on_failure(self, listener: FailureListener) -> None:
+        """Call `listener` once when the mavsdk process has died or hangs."""
+        self.client.on_failure(listener)
+
+    async def await_vehicle(self, target: Target, timeout_s: float) -> None:
+        """Select mavsdk's target system. Raises IdentifyError when it does not find it."""
+        del timeout_s  # A heartbeat has already arrived: mavsdk needs at most a few more.
+        make = partial(Choose, system_id=target.system, within_s=_FIND_S)
+        try:
+            await self.client.order(make, f"system {target.system}", 2.0 * _FIND_S)
+        except RefusedError as error:
+            raise IdentifyError(
+                f"{self._name}: system {target.system} sends heartbeats, but mavsdk does not find "
+                f"it ({error.result})"
+            ) from error
+
+    def commands(
+        self, *, commander: Commander, autopilot: Autopilot, target: Target
+    ) -> VehicleCommands:
+        """Return commands that use mavsdk's Action where that is sound."""
+        return MavsdkCommands(
+            client=self.client, commander=commander, autopilot=autopilot, target=target
+        )
+
+    def onboard(self, *, session: Session, circumstances: Callable[[], str]) -> Onboard:
+        """Return missions, fences and logs by mavsdk's plugins."""
+        return Onboard(
+            session=session,
+            circumstances=circumstances,
+            missions=MavsdkMissions(
+                client=self.client, session=session, circumstances=circumstances
+            ),
+            logs=MavsdkLogs(client=self.client, session=session),
+        )
+
+    def _send_message(self, message: Any) -> None:
+        if self._link is not None and _is_bits(message):
+            self._link.write(self._codec.pack(message))
+            return
+        self.client.send_message(message.get_type(), fields_json(message))
+
+
+def _is_bits(message: Any) -> bool:
+    """Return whether a message is a PARAM_SET whose value holds an integer's bytes, no number."""
+    is_parameter = message.get_msgId() == mavlink.MAVLINK_MSG_ID_PARAM_SET
+    return is_parameter and not math.isfinite(message.param_value)

@@ -1,0 +1,110 @@
+"""The messages between a driver and its mavsdk process, in frames on a socket."""
+
+from typing import Literal
+
+from wil_campaign.vehicles.driver.onboard.mission_protocol import ItemList, MissionItem
+from wil_campaign.vehicles.driver.onboard.vehicle_logs import LogEntry
+from wil_campaign.vehicles.processes.codec import Codec, Message
+
+Action = Literal["hold", "land", "return_to_launch", "disarm", "terminate"]
+"""Names of mavsdk's `Action`."""
+
+
+class Choose(Message, frozen=True):
+    """Message to the mavsdk process: select the target system."""
+
+    number: int
+    system_id: int
+    within_s: float
+
+
+class SendMessage(Message, frozen=True):
+    """Message to the mavsdk process: send a message. fields: JSON. at_s: CLOCK_MONOTONIC."""
+
+    name: str
+    fields: str
+    at_s: float
+
+
+class Act(Message, frozen=True):
+    """Message to the mavsdk process: call a method of `Action`."""
+
+    number: int
+    action: Action
+
+
+class Upload(Message, frozen=True):
+    """Message to the mavsdk process: upload a list of items by `MissionRaw`."""
+
+    number: int
+    which: ItemList
+    items: tuple[MissionItem, ...]
+
+
+class Download(Message, frozen=True):
+    """Message to the mavsdk process: download a list of items by `MissionRaw`."""
+
+    number: int
+    which: ItemList
+
+
+class ListLogs(Message, frozen=True):
+    """Message to the mavsdk process: list the logs by `LogFiles`."""
+
+    number: int
+
+
+class FetchLog(Message, frozen=True):
+    """Message to the mavsdk process: fetch a log by `LogFiles` into a new file."""
+
+    number: int
+    entry: LogEntry
+    path: str
+    within_s: float
+
+
+class Ready(Message, frozen=True):
+    """Message of the mavsdk process: mavsdk runs and listens."""
+
+
+class Alive(Message, frozen=True):
+    """Message of the mavsdk process: its thread runs. late: how many messages were too old."""
+
+    late: int
+
+
+class NotSent(Message, frozen=True):
+    """Message of the mavsdk process: a message cannot be sent. result: of MavlinkDirect."""
+
+    name: str
+    result: str
+
+
+class Done(Message, frozen=True):
+    """Message of the mavsdk process: an order was executed; with the requested data."""
+
+    number: int
+    items: tuple[MissionItem, ...] = ()
+    logs: tuple[LogEntry, ...] = ()
+
+
+class Refused(Message, frozen=True):
+    """Message of the mavsdk process: an order was refused. result: the name of mavsdk's result."""
+
+    number: int
+    result: str
+
+
+class Progress(Message, frozen=True):
+    """Message of the mavsdk process: the part of a log that has arrived, 0 to 1."""
+
+    number: int
+    part: float
+
+
+Order = Choose | Act | Upload | Download | ListLogs | FetchLog
+ToProcess = Order | SendMessage
+FromProcess = Ready | Alive | NotSent | Done | Refused | Progress
+
+to_process: Codec[ToProcess] = Codec(ToProcess)
+from_process: Codec[FromProcess] = Codec(FromProcess)

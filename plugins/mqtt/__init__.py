@@ -1,0 +1,1 @@
+"""Operators follow and command a campaign by MQTT."""

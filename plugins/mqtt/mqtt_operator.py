@@ -1,0 +1,349 @@
+"""MQTT client of a campaign: publishes reports and receives commands; reconnects by itself."""
+
+import asyncio
+import random
+import re
+import secrets
+import ssl
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass
+
+import aiomqtt
+
+from wil_campaign.orchestrator.model.progress import News
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
+from wil_campaign.orchestrator.operator.errors import OperatingError
+from wil_campaign.plugins.mqtt.message_signing import signed, status_key
+from wil_campaign.plugins.mqtt.mqtt_answers import CommandAnswers
+from wil_campaign.plugins.mqtt.mqtt_commands import CommandReader, RefusedCommandError
+from wil_campaign.plugins.mqtt.mqtt_reports import (
+    ack_of,
+    publications,
+    status_of,
+    verdict_of,
+)
+from wil_campaign.plugins.mqtt.mqtt_setup import MqttSetup
+from wil_campaign.plugins.mqtt.outbox import Outbox
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
+from wil_campaign.safety.guard.operator.rate_limit import RateLimit
+from wil_campaign.vehicles.tasks import (
+    FAULTS,
+    Contained,
+    asked_to_end,
+    end_if_asked,
+    leaves,
+    report,
+    start,
+    stop,
+)
+
+_CONNECT_S = 5.0
+_KEEPALIVE_S = 5
+_FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 15.0
+_FLUSH_S = 3.0
+_MOST_REFUSALS_A_SECOND = 10
+_LOSS = "mqtt (the broker is away)"
+_CONNECTION_ERRORS = (aiomqtt.MqttError, OperatingError, OSError, UnicodeError)
+"""Errors of aiomqtt caused by the broker or the network; any other is a bug of this program."""
+
+
+@contextmanager
+def _connected() -> Iterator[None]:
+    """Convert MqttError at the end of a connection to OperatingError, an error of this package."""
+    try:
+        yield
+    except aiomqtt.MqttError as error:
+        raise OperatingError(_error_text(error)) from error
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MqttSecrets:
+    """The secrets of MQTT: the command token, and the broker's password (empty for none).
+
+    token: None where neither commands nor publications are signed.
+    """
+
+    token: str | None
+    password: str = ""
+
+
+@asynccontextmanager
+async def mqtt_operating(
+    setup: MqttSetup, secrets_: MqttSecrets, controller: CampaignController
+) -> AsyncIterator[None]:
+    """Connect a campaign controller to an MQTT broker for the context's duration.
+
+    Raises OperatingError when the first connection fails; a connection that is lost later is made
+    again.
+    """
+    client = MqttOperator(setup=setup, secrets_=secrets_, controller=controller)
+    running = start(client.run(), name="mqtt")
+    try:
+        await client.first_connection(running)
+        yield
+        await client.finish()
+    finally:
+        try:
+            await stop(running)
+        finally:
+            client.close()
+
+
+_OF_OPENSSL = re.compile(r"^\[SSL: \w+\] | \(_ssl\.c:\d+\)$")
+
+
+class MqttOperator:
+    """The MQTT client of one campaign. jitter: a random share of each wait to reconnect."""
+
+    def __init__(
+        self,
+        *,
+        setup: MqttSetup,
+        secrets_: MqttSecrets,
+        controller: CampaignController,
+        utc: Callable[[], float] = time.time,
+        jitter: Callable[[], float] = random.random,
+    ) -> None:
+        self._setup = setup
+        self._secrets = secrets_
+        self._controller = controller
+        self._utc = utc
+        self._jitter = jitter
+        self._base = f"{setup.root}/{controller.campaign}"
+        self._reader = CommandReader(
+            base=self._base,
+            token=secrets_.token,
+            session=controller.session,
+            flying=lambda: controller.flying,
+        )
+        self._status_key = None if secrets_.token is None else status_key(secrets_.token)
+        self._outbox = Outbox()
+        self._first: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._loss_timer: asyncio.TimerHandle | None = None
+        self._connected = False
+        self._refusals = RateLimit(most=_MOST_REFUSALS_A_SECOND)
+        self._answers = CommandAnswers(
+            acknowledged=lambda: controller.acknowledged, answer=self._answer_command
+        )
+
+    async def first_connection(self, running: asyncio.Task[None]) -> None:
+        """Wait for the first connection to the broker. Raises OperatingError.
+
+        running: the task of `run`, which may end before that.
+        """
+        await asyncio.wait({running, self._first}, return_when=asyncio.FIRST_COMPLETED)
+        if not self._first.done():
+            raise OperatingError("the MQTT client ended before it was connected; see log.jsonl")
+        await self._first
+        self._controller.follow(self)
+
+    async def run(self) -> None:
+        """Stay connected to the MQTT broker until cancelled.
+
+        A bug in this client stops no flight either: it is reported, and the client reconnects.
+        """
+        wait_s = _FIRST_WAIT_S
+        while True:
+            # A task for each: in Python 3.11 one whose TaskGroup failed counts as cancelled after.
+            why = await start(self._connection(), name="mqtt connection")
+            end_if_asked()
+            if not self._first.done():
+                self._first.set_exception(self._unreachable(why))
+                return
+            wait_s = _FIRST_WAIT_S if self._connected else min(2.0 * wait_s, _LONGEST_WAIT_S)
+            with Contained("mqtt"):
+                self._disconnected(why)
+            await asyncio.sleep(wait_s * (0.5 + 0.5 * self._jitter()))
+
+    async def _connection(self) -> str:
+        """Connect once to the MQTT broker; return why the connection ended.
+
+        Before the first connection `first_connection` raises the error, so it is not reported.
+        """
+        try:
+            await self._keep_connected()
+        except (*FAULTS, BaseExceptionGroup) as error:
+            if asked_to_end(error):
+                raise
+            bugs = [one for one in leaves(error) if not isinstance(one, _CONNECTION_ERRORS)]
+            for one in bugs if self._first.done() else ():
+                report(one, "mqtt")
+            return _error_text(error)
+        return "the connection ended"
+
+    async def finish(self) -> None:
+        """Publish the last status, and wait a moment for pending MQTT messages."""
+        self._outbox.put(status_of(self._controller.summary("ended")))
+        deadline_s = asyncio.get_running_loop().time() + _FLUSH_S
+        while self._connected and asyncio.get_running_loop().time() < deadline_s:
+            if self._outbox.empty:
+                break
+            await asyncio.sleep(0.01)
+        # The last publication may still be in transit.
+        await asyncio.sleep(0.05)
+
+    def close(self) -> None:
+        """Cancel the timers of a lost broker and of awaited acknowledgements."""
+        self._answers.close()
+        if self._loss_timer is not None:
+            self._loss_timer.cancel()
+
+    def news(self, news: News) -> None:
+        """Publish a run's news by MQTT."""
+        for publication in publications(news):
+            self._outbox.put(publication)
+        self._answers.update()
+
+    def finished(self, result: RunResult) -> None:
+        """Publish a verdict by MQTT."""
+        self._outbox.put(verdict_of(result))
+        self._answers.update()
+
+    def status(self) -> None:
+        """Publish the campaign's status by MQTT."""
+        self._answers.update()
+        self._outbox.put(status_of(self._controller.summary(self._controller.state)))
+
+    async def _keep_connected(self) -> None:
+        will = status_of({"state": "lost", "session": self._controller.session})
+        will_topic = f"{self._base}/{will.topic}"
+        client = aiomqtt.Client(
+            self._setup.broker.host,
+            self._setup.broker.port,
+            username=self._setup.user or None,
+            password=self._secrets.password or None,
+            identifier=f"wil-{secrets.token_hex(6)}",
+            will=aiomqtt.Will(will_topic, self._sign(will_topic, will.payload), 1, True),
+            timeout=_CONNECT_S,
+            keepalive=_KEEPALIVE_S,
+            tls_params=self._tls(),
+        )
+        async with client:
+            await client.subscribe(f"{self._base}/operator/+", qos=1)
+            end_if_asked()
+            self._reconnected()
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._publish(client), name="mqtt out")
+                group.create_task(self._receive_commands(client), name="mqtt in")
+
+    def _tls(self) -> aiomqtt.TLSParameters | None:
+        setup = self._setup
+        if not setup.broker.tls:
+            return None
+        return aiomqtt.TLSParameters(
+            ca_certs=None if setup.ca_file is None else str(setup.ca_file),
+            certfile=None if setup.cert_file is None else str(setup.cert_file),
+            keyfile=None if setup.key_file is None else str(setup.key_file),
+            cert_reqs=ssl.CERT_REQUIRED,
+        )
+
+    def _sign(self, topic: str, payload: bytes) -> bytes:
+        """Return a payload with its time, which shows whether it is old, and its signature."""
+        if self._status_key is None:
+            return payload
+        at = f', "at": {round(self._utc(), 3)}}}'
+        return signed(topic, payload[:-1] + at.encode(), self._status_key)
+
+    async def _publish(self, client: aiomqtt.Client) -> None:
+        while True:
+            publication = await self._outbox.take()
+            topic = f"{self._base}/{publication.topic}"
+            try:
+                with _connected():
+                    await client.publish(
+                        topic,
+                        self._sign(topic, publication.payload),
+                        qos=1 if publication.important else 0,
+                        retain=publication.retain,
+                    )
+            except (OperatingError, asyncio.CancelledError):
+                # Cancelled also when the connection was lost before the broker answered.
+                self._outbox.put_back(publication)
+                raise
+            end_if_asked()
+
+    async def _receive_commands(self, client: aiomqtt.Client) -> None:
+        with _connected():
+            async for message in client.messages:
+                kind = str(message.topic).rpartition("/")[2]
+                if kind != "ack":
+                    payload = message.payload if isinstance(message.payload, bytes) else b""
+                    self._execute_command(kind, payload, retained=bool(message.retain))
+
+    def _execute_command(self, kind: str, payload: bytes, *, retained: bool) -> None:
+        try:
+            command = self._reader.read(kind, payload, retained=retained, now_s=self._utc())
+        except RefusedCommandError as error:
+            self._refuse(kind, error)
+            return
+        try:
+            text = self._controller.obey(command)
+        except RefusedLineError as error:
+            self._answers.refused(command, str(error))
+        else:
+            self._answers.obeyed(command, text)
+
+    def _refuse(self, kind: str, error: RefusedCommandError) -> None:
+        if self._refusals.is_exceeded(asyncio.get_running_loop().time()):
+            return  # A client that floods gets no answers, and does not fill the disk.
+        self._controller.log.refused(f"mqtt: {kind}: {error}", who=error.who)
+        self._answer(
+            id=error.command_id, command=kind, ok=False, text=str(error), who=error.who, final=True
+        )
+
+    def _answer_command(
+        self, command: OperatorCommand, *, ok: bool, text: str, final: bool
+    ) -> None:
+        kind, who, number = command.kind, command.who, command.command_id
+        self._answer(id=number, command=kind, ok=ok, text=text, who=who, final=final)
+
+    def _answer(self, **fields: str | bool) -> None:
+        self._outbox.put(ack_of(session=self._controller.session, **fields))
+
+    def _reconnected(self) -> None:
+        if self._first.done():
+            self._controller.log.note("reconnected to the MQTT broker")
+        else:
+            self._first.set_result(None)
+        if self._loss_timer is not None:
+            self._loss_timer.cancel()
+            self._loss_timer = None
+        self._connected = True
+        self.status()
+
+    def _disconnected(self, why: str) -> None:
+        if not self._connected:
+            return
+        self._connected = False
+        self._controller.log.note(f"the MQTT broker is disconnected: {why}")
+        loop = asyncio.get_running_loop()
+        self._loss_timer = loop.call_later(self._setup.lost_after_s, self._disconnected_too_long)
+
+    def _disconnected_too_long(self) -> None:
+        kind = self._setup.on_loss
+        if kind == "continue":
+            return
+        command = OperatorCommand(kind, _LOSS)
+        try:
+            self._controller.obey(command)
+        except RefusedLineError:
+            return  # The campaign is held or landing already; the log says so.
+
+    def _unreachable(self, why: str) -> OperatingError:
+        broker = self._setup.broker
+        if broker.tls and "timed out" in why:
+            why += "; it may require a client certificate"
+        return OperatingError(
+            f"cannot connect to the MQTT broker {broker}: {why}; start it, correct "
+            "operator.mqtt of the campaign, or fly without --broker"
+        )
+
+
+def _error_text(error: BaseException) -> str:
+    """Return the text of an MQTT connection error, without the source line of OpenSSL."""
+    error = leaves(error)[0]
+    return _OF_OPENSSL.sub("", str(error)) or type(error).__name__

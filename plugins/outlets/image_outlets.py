@@ -1,0 +1,123 @@
+"""Image outlets of a run: RTP, ZeroMQ and loopback devices."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from wil_campaign.campaigns.setup.perceived_cameras import perceived_cameras
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup
+from wil_campaign.orchestrator.model.external_results import ExternalResult, OutletResult
+from wil_campaign.orchestrator.state.observer import Observer
+from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.plugins.outlets.image_delivery import Delivery
+from wil_campaign.plugins.outlets.outlet_setups import DeliverySetups, ImageOutlet
+from wil_campaign.plugins.outlets.rtp import rtp_delivery
+from wil_campaign.plugins.outlets.sdp import RtpAddress
+from wil_campaign.plugins.outlets.v4l2 import v4l2_delivery
+from wil_campaign.plugins.outlets.zmq_images import ZmqDelivery
+from wil_campaign.vehicles.readings import CameraReading, Reading
+
+
+@dataclass(frozen=True, slots=True)
+class Outlet:
+    """An image outlet: a delivery, and which vehicle's camera it shows, perceived or raw."""
+
+    delivery: Delivery
+    sensor: str
+    vehicle: str
+    perceived: bool
+
+
+class Outlets(Observer):
+    """All image outlets of one run."""
+
+    def __init__(self, outlets: Iterable[Outlet]) -> None:
+        self._outlets = tuple(outlets)
+
+    async def open(self, stack: AsyncExitStack) -> None:
+        """Open all image outlets. Raises DeliveryError."""
+        for outlet in self._outlets:
+            await stack.enter_async_context(outlet.delivery)
+
+    def perceived(self, reading: Reading, by: tuple[str, ...]) -> None:
+        """Deliver an image that vehicles perceive to its outlets."""
+        if not isinstance(reading, CameraReading):
+            return
+        for outlet in self._outlets:
+            if outlet.perceived and outlet.sensor == reading.sensor and outlet.vehicle in by:
+                outlet.delivery.deliver(reading)
+
+    def untouched(self, reading: Reading) -> None:
+        """Deliver an image as the camera took it to its outlets."""
+        if not isinstance(reading, CameraReading):
+            return
+        taken = (reading.sensor, reading.source)
+        for outlet in self._outlets:
+            if not outlet.perceived and (outlet.sensor, outlet.vehicle) == taken:
+                outlet.delivery.deliver(reading)
+
+    @property
+    def result(self) -> ExternalResult:
+        """Return the results of the image outlets."""
+        return ExternalResult(outlets=tuple(_result(one.delivery) for one in self._outlets))
+
+
+def observe(setup: RunSetup, given: DeliverySetups, _events: Mapping[str, float]) -> Outlets:
+    """Return the image outlets of a run."""
+    return Outlets(_outlets(setup, given))
+
+
+def _outlets(setup: RunSetup, given: DeliverySetups) -> Iterator[Outlet]:
+    """Yield the image outlets of the vehicles that a run has."""
+    there = {vehicle.name: vehicle for vehicle in setup.with_sensors}
+    for outlet in given.outlets:
+        perceived = outlet.of == "perceived"
+        name = (outlet.vehicle or setup.subject) if perceived else outlet.of
+        if name not in there:
+            continue
+        cameras = {camera.name: camera for camera in there[name].cameras}
+        if perceived:
+            shown = perceived_cameras(setup.campaign, setup.mode, name)
+            cameras |= {camera.name: camera for camera in shown}
+        camera = cameras[outlet.sensor]
+        sdp = setup.order.folder / f"{outlet.sensor}-{outlet.of}.sdp"
+        delivery = image_delivery(outlet, camera, sdp_path=sdp)
+        yield Outlet(delivery, outlet.sensor, name, perceived)
+
+
+def image_delivery(outlet: ImageOutlet, camera: CameraSetup, *, sdp_path: Path | None) -> Delivery:
+    """Return the delivery of an image outlet, for a camera's image size and rate."""
+    size = camera.intrinsics
+    if outlet.kind == "zmq":
+        return ZmqDelivery(address=outlet.address, topic=outlet.topic, encoding=outlet.encoding)
+    if outlet.kind == "v4l2":
+        return v4l2_delivery(
+            device=Path(outlet.address),
+            width_px=size.width_px,
+            height_px=size.height_px,
+            rate_hz=camera.rate_hz,
+        )
+    host, _, port = outlet.address.rpartition(":")
+    return rtp_delivery(
+        width_px=size.width_px,
+        height_px=size.height_px,
+        rate_hz=camera.rate_hz,
+        address=RtpAddress(host, int(port)),
+        sdp_path=sdp_path,
+        key_interval_s=outlet.key_interval_s,
+        max_bit_rate=outlet.max_bit_rate,
+    )
+
+
+def _result(delivery: Delivery) -> OutletResult:
+    """Return the result of one image outlet."""
+    counts = delivery.counts
+    return OutletResult(
+        name=delivery.name,
+        offered=counts.offered,
+        delivered=counts.delivered,
+        dropped=counts.dropped,
+        failed=counts.failed,
+        trouble=delivery.trouble,
+    )

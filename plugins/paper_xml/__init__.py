@@ -1,0 +1,1 @@
+"""Recipe files in the XML form of the paper."""

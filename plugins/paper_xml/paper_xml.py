@@ -1,0 +1,217 @@
+"""Read recipes in the XML form of the paper (Listing 1) into the document of the YAML form.
+
+`<AS_sensors>` lists the sensors, each with an `id`; `<combine id="...">` names a file for each of
+`<transform>`, `<filter>` and `<merge>`. A file beside the recipe is the user's own step, its
+function named after the stage; otherwise it is the built-in of that stem. Attributes are
+parameters, written as in YAML: `<filter name="orange">isolate_color.py</filter>`; those of
+`<combine>` are its other keys: `max_skew_ms="60" publish="[real]"`. A stage may be given several
+times, in order.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+from wil_campaign.plugins.paper_xml.xml_tree import Element, parse_xml
+from wil_campaign.recipes.model.registry import Stage, find, resembling
+from wil_campaign.worlds.files.documents import BadInput, Document, Problem, closest, parse_value
+from wil_campaign.worlds.files.paths import is_file
+from wil_campaign.worlds.files.yaml_nodes import (
+    Data,
+    Entry,
+    Node,
+    Place,
+    Source,
+    mapping_node,
+    plain,
+    sequence_node,
+)
+
+_TYPES: Mapping[str, str] = MappingProxyType(
+    {
+        "camera": "camera",
+        "depth": "depth",
+        "depthcamera": "depth",
+        "lidar": "lidar",
+        "pointcloud": "lidar_points",
+        "lidarpoints": "lidar_points",
+        "rangefinder": "rangefinder",
+        "gps": "gps",
+        "pose": "pose",
+        "mocap": "pose",
+        "imu": "imu",
+        "microphone": "microphone",
+    }
+)
+"""Tags of sensors, in lower case and without underscores, to our types."""
+
+_PAPERS_OWN: Mapping[str, tuple[str, Mapping[str, Data]]] = MappingProxyType(
+    {
+        "camera.transform": ("resize", MappingProxyType({"to": "real"})),
+        "color_isolation": ("isolate_color", MappingProxyType({"name": "orange"})),
+        "prioritize_overlay": ("overlay", MappingProxyType({"priority": ["twin", "real"]})),
+    }
+)
+"""Stems of the paper's listing, to the built-in step and its parameters (paper, III-A)."""
+
+_LISTED: tuple[Stage, ...] = ("transform", "filter")
+
+_STAGES: Mapping[str, Stage] = MappingProxyType(
+    {"transform": "transform", "filter": "filter", "merge": "merge"}
+)
+
+
+def parse_paper_xml(content: bytes, *, name: str, path: Path | None = None) -> Document:
+    """Return the document of an XML recipe of the paper. Raises BadInput with every problem.
+
+    Steps and sensors are checked by `load_recipe`, with places in the XML.
+    """
+    lines = tuple(content.decode("utf-8", "replace").splitlines())
+    source = Source(name, lines)
+    root = parse_xml(content, source)
+    reader = _Reader(path if path is not None else Path(name))
+    node = reader.recipe(root)
+    if reader.problems:
+        raise BadInput(sorted(reader.problems, key=lambda one: (one.line, one.column)))
+    return Document(reader.path, node)
+
+
+class _Reader:
+    """Converts the XML elements of a paper's recipe into YAML nodes, noting problems."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.problems: list[Problem] = []
+
+    def recipe(self, root: Element) -> Node:
+        """Return the whole XML recipe in its YAML form."""
+        if root.tag != "recipe_file":
+            self._note(root.place, f"the outermost tag is <{root.tag}>, not <recipe_file>")
+        sensors: dict[str, Entry] = {}
+        combinations: list[Node] = []
+        for child in root.children:
+            if child.tag == "AS_sensors":
+                for sensor in child.children:
+                    self._sensor(sensor, sensors)
+            elif child.tag == "combine":
+                combinations.append(self._combination(child))
+            else:
+                self._unknown(child, ("AS_sensors", "combine"))
+        entries = {"schema": _entry("wil/recipe/1", root.place)}
+        entries |= self._attributes(root, ())
+        entries["sensors"] = Entry(root.place, mapping_node(sensors, root.place))
+        entries["combine"] = Entry(root.place, sequence_node(tuple(combinations), root.place))
+        return mapping_node(entries, root.place)
+
+    def _sensor(self, element: Element, sensors: dict[str, Entry]) -> None:
+        """Add the sensor that an XML element of the paper declares."""
+        kind = _TYPES.get(element.tag.lower().replace("_", ""))
+        if kind is None:
+            meant = closest(element.tag, [*_TYPES])
+            self._note(element.place, f"<{element.tag}> is not a sensor", meant)
+            return
+        name = self._id(element)
+        if name in sensors:
+            self._note(element.place, f"sensor '{name}' is declared twice")
+        entries = {"type": _entry(kind, element.place)} | self._attributes(element, ("id",))
+        sensors[name] = Entry(element.place, mapping_node(entries, element.place))
+
+    def _combination(self, element: Element) -> Node:
+        """Return the combination of an XML element: its steps by stage, and its merge."""
+        entries = {"sensor": _entry(self._id(element), element.place)}
+        entries |= self._attributes(element, ("id",))
+        found: dict[Stage, list[Node]] = {"transform": [], "filter": [], "merge": []}
+        for child in element.children:
+            stage = _STAGES.get(child.tag)
+            if stage is None:
+                self._unknown(child, tuple(_STAGES))
+                continue
+            if stage == "merge" and found["merge"]:
+                self._note(child.place, "a second <merge>; a combination has one")
+            found[stage].append(self._step(child, stage))
+        for listed in _LISTED:
+            steps = tuple(found[listed])
+            entries[listed] = Entry(element.place, sequence_node(steps, element.place))
+        if found["merge"]:
+            merge = found["merge"][0]
+            entries["merge"] = Entry(merge.place, merge)
+        return mapping_node(entries, element.place)
+
+    def _step(self, element: Element, stage: Stage) -> Node:
+        """Return the step that a file name in the XML recipe denotes."""
+        place = element.text_place or element.place
+        file = element.text
+        given = self._attributes(element, ())
+        if not file.endswith(".py"):
+            self._note(place, f"<{stage}> names a file.py, not '{file}'")
+            return Node(None, place)
+        if is_file(self.path.parent / file):
+            return _own(file, stage, given, place)
+        stem = file[: -len(".py")]
+        name, defaults = _PAPERS_OWN.get(stem, (stem, MappingProxyType({})))
+        kind = find(name, stage)
+        if kind is None or kind.stage != stage:
+            message = (
+                f"there is no file '{file}' beside the recipe, and no built-in {stage} '{stem}'"
+            )
+            papers = closest(stem, _PAPERS_OWN)
+            self._note(place, message, f"{papers}.py" if papers else resembling(stem, stage))
+            return Node(None, place)
+        parameters = {key: _entry(value, place) for key, value in defaults.items()} | given
+        if not parameters:
+            return Node(name, place)
+        return mapping_node({name: Entry(place, mapping_node(parameters, place))}, place)
+
+    def _id(self, element: Element) -> str:
+        """Return the id of an XML element; a missing one is noted."""
+        name = element.attributes.get("id", "").strip()
+        if not name:
+            self._note(element.place, f"<{element.tag}> needs an id")
+        return name
+
+    def _attributes(self, element: Element, without: tuple[str, ...]) -> dict[str, Entry]:
+        """Return the attributes of an XML element, their values read as YAML."""
+        found: dict[str, Entry] = {}
+        for key, text in element.attributes.items():
+            if key in without:
+                continue
+            try:
+                value = plain(parse_value(text, name=key).node)
+            except BadInput as error:
+                message = f"attribute '{key}': {error.problems[0].message}"
+                self._note(element.place, message)
+                continue
+            found[key] = _entry(value, element.place)
+        return found
+
+    def _unknown(self, element: Element, known: tuple[str, ...]) -> None:
+        """Note an unknown tag of the XML recipe."""
+        self._note(element.place, f"unknown tag <{element.tag}>", closest(element.tag, known))
+
+    def _note(self, place: Place, message: str, suggestion: str = "") -> None:
+        """Note a problem at a place in the XML recipe."""
+        self.problems.append(place.problem(message, suggestion))
+
+
+def _own(file: str, stage: Stage, given: dict[str, Entry], place: Place) -> Node:
+    """Return the XML recipe's step of a user's file; attributes other than `on` are its `with`."""
+    entries = {"use": _entry(f"{file}:{stage}", place)}
+    if "on" in given:
+        entries["on"] = given.pop("on")
+    if given:
+        entries["with"] = Entry(place, mapping_node(given, place))
+    return mapping_node(entries, place)
+
+
+def _entry(value: Data, place: Place) -> Entry:
+    """Return a plain value of the XML recipe as an entry of the YAML form."""
+    return Entry(place, _node(value, place))
+
+
+def _node(value: Data, place: Place) -> Node:
+    """Return a plain value of the XML recipe as a YAML node."""
+    if isinstance(value, dict):
+        return mapping_node({key: _entry(inner, place) for key, inner in value.items()}, place)
+    if isinstance(value, list):
+        return sequence_node(tuple(_node(inner, place) for inner in value), place)
+    return Node(value, place)

@@ -1,0 +1,1 @@
+"""Campaigns and mock vehicles in tests of pytest."""

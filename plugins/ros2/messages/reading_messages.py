@@ -1,0 +1,92 @@
+"""The messages of a reading, by topic; and the frames of sensors."""
+
+import re
+from collections.abc import Callable, Iterator
+from functools import partial
+
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup, SensorSetup
+from wil_campaign.plugins.ros2.messages.ros_frames import camera_in_body, sensor_in_body
+from wil_campaign.plugins.ros2.messages.ros_messages import BODY_FRAME, RosMessages, Transform
+from wil_campaign.vehicles.readings import (
+    CameraReading,
+    DepthReading,
+    GpsReading,
+    ImuReading,
+    LidarPointsReading,
+    LidarScanReading,
+    PoseReading,
+    RangefinderReading,
+    Reading,
+)
+from wil_campaign.worlds.frames import AT_ORIGIN, Pose
+
+Made = tuple[str, Callable[[], bytes]]
+"""A topic, and what makes the message."""
+
+
+def reading_messages(
+    reading: Reading, make: RosMessages, stamp_ns: int, *, prefix: str = "", compressed: bool
+) -> Iterator[Made]:
+    """Yield the messages of a reading; none of sound. prefix: of the topics, as "/real"."""
+    name = word_of(reading.sensor)
+    frame, base = name, f"{prefix}/{name}"
+    match reading:
+        case CameraReading():
+            frame = optical_frame(name)
+            info = partial(make.camera_info, reading.intrinsics, stamp_ns, frame)
+            yield f"{base}/camera_info", info
+            yield f"{base}/image_raw", partial(make.image, reading, stamp_ns, frame)
+            if compressed:
+                small = partial(make.compressed, reading, stamp_ns, frame)
+                yield f"{base}/image_raw/compressed", small
+        case DepthReading():
+            frame = optical_frame(name)
+            info = partial(make.camera_info, reading.intrinsics, stamp_ns, frame)
+            yield f"{base}/camera_info", info
+            yield f"{base}/image_raw", partial(make.depth, reading, stamp_ns, frame)
+        case LidarScanReading():
+            yield f"{base}/scan", partial(make.scan, reading, stamp_ns, frame)
+        case LidarPointsReading():
+            yield f"{base}/points", partial(make.points, reading, stamp_ns, frame)
+        case RangefinderReading():
+            yield f"{base}/range", partial(make.range, reading, stamp_ns, frame)
+        case ImuReading():
+            yield f"{base}/data", partial(make.imu, reading, stamp_ns, frame)
+        case GpsReading():
+            yield f"{base}/fix", partial(make.fix, reading, stamp_ns, frame)
+        case PoseReading():
+            yield f"{base}/pose", partial(make.captured, reading, stamp_ns)
+        case _:
+            return
+
+
+def sensor_transforms(sensors: tuple[SensorSetup, ...]) -> tuple[Transform, ...]:
+    """Return the frames of sensors in base_link, those of stabilized cameras aside."""
+    return tuple(sensor_transform(one, AT_ORIGIN) for one in sensors if not is_stabilized(one))
+
+
+def sensor_transform(sensor: SensorSetup, body: Pose) -> Transform:
+    """Return a sensor's frame in base_link. body: the vehicle's pose, which moves a gimbal."""
+    name = word_of(sensor.name)
+    if isinstance(sensor, CameraSetup | DepthSetup):
+        position, turned = camera_in_body(sensor.mount, body)
+        return Transform(BODY_FRAME, optical_frame(name), position, turned)
+    mount = getattr(sensor, "mount", AT_ORIGIN)
+    position, turned = sensor_in_body(mount if isinstance(mount, Pose) else AT_ORIGIN)
+    return Transform(BODY_FRAME, name, position, turned)
+
+
+def is_stabilized(sensor: SensorSetup) -> bool:
+    """Return whether a sensor is a camera on a gimbal."""
+    return isinstance(sensor, CameraSetup | DepthSetup) and sensor.mount.stabilized
+
+
+def optical_frame(name: str) -> str:
+    """Return the frame of a camera: right, down, forward."""
+    return f"{name}_optical"
+
+
+def word_of(name: str) -> str:
+    """Return a sensor's name as topics and frames can have it."""
+    word = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    return word if word[:1].isalpha() else f"sensor_{word}"

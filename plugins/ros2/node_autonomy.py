@@ -1,0 +1,341 @@
+"""A node as the autonomy of a vehicle: readings and telemetry out, setpoints in.
+
+Its calls are those of any autonomy, made in the loop of a run, or in a thread beside it.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+
+from wil_campaign.campaigns.values.sensor_setups import SensorSetup
+from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
+from wil_campaign.plugins.ros2.messages.reading_messages import (
+    is_stabilized,
+    reading_messages,
+    sensor_transform,
+    sensor_transforms,
+)
+from wil_campaign.plugins.ros2.messages.ros_frames import attitude_enu, enu
+from wil_campaign.plugins.ros2.messages.ros_messages import (
+    BODY_FRAME,
+    ODOMETRY_FRAME,
+    TEXT,
+    WORLD_FRAME,
+    RosMessages,
+    Transform,
+)
+from wil_campaign.plugins.ros2.messages.ros_types import BadMessageError, RosTypes
+from wil_campaign.plugins.ros2.messages.setpoint_messages import BadSetpointError, setpoint_of
+from wil_campaign.plugins.ros2.messages.topics import (
+    ABORT,
+    CLOCK_TOPIC,
+    DONE,
+    NOTE,
+    ODOMETRY_TOPIC,
+    POSE_TOPIC,
+    STATIC_TOPIC,
+    TF_TOPIC,
+)
+from wil_campaign.plugins.ros2.node_process import NodeProcess
+from wil_campaign.plugins.ros2.node_topics import NodeTopics
+from wil_campaign.plugins.ros2.setpoint_inbox import Received, SetpointInbox
+from wil_campaign.vehicles.autonomy import Command, Telemetry
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.vehicles.setpoints import Setpoint, VelocitySetpoint
+from wil_campaign.worlds.frames import Pose
+
+_NS = 1_000_000_000
+_STILL = VelocitySetpoint((0.0, 0.0, 0.0))
+_OLD_S = 0.5
+"""After which time without a new setpoint the vehicle stops."""
+_PAST_S = 1.0
+"""By how much a setpoint's stamp may differ from now."""
+_BLIND_S = 2.0
+_LOOK_S = 0.01
+_AGAIN_S = 1.0
+"""How often latched messages are published again: late subscribers of zenoh miss them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeRules:
+    """What is asked of a node. barrier: topics whose messages it has to answer, by our names.
+
+    barrier_s: wall time for an answer. silent_s: how long it may publish no setpoint.
+    """
+
+    barrier: frozenset[str] = frozenset()
+    barrier_s: float = 10.0
+    silent_s: float = 5.0
+    compressed: bool = False
+
+
+class NodeAutonomy:
+    """Flies a vehicle by a node. epoch_s: UTC of the run clock's zero, of which stamps are.
+
+    node: its process; None for one that runs already. decide_blind: called with why the node
+    does not get what it needs. abort: called with the reason when the node asks for it.
+    """
+
+    def __init__(
+        self,
+        *,
+        topics: NodeTopics,
+        inbox: SetpointInbox,
+        types: RosTypes,
+        node: NodeProcess | None,
+        sensors: tuple[SensorSetup, ...],
+        epoch_s: float,
+        rules: NodeRules,
+        decide_blind: Callable[[str], None],
+        abort: Callable[[str], None],
+    ) -> None:
+        self._topics, self._inbox, self._types, self._node = topics, inbox, types, node
+        self._make = RosMessages(types)
+        self._gimbals = tuple(one for one in sensors if is_stabilized(one))
+        self._mounts = sensor_transforms(sensors)
+        self._epoch_ns = round(epoch_s * _NS)
+        self._rules = rules
+        self._decide_blind, self._abort = decide_blind, abort
+        self._latched: dict[str, bytes] = {}
+        self._latched_s = self._clock_s = float("-inf")
+        self._reporting = threading.Lock()
+        self._answer: Received | None = None
+        self._used, self._refused = 0, ""
+        self._fresh_s: float | None = None
+        self._setpoint: Setpoint = _STILL
+        self._note = ""
+        self._is_done = False
+        self._windows: dict[str, tuple[float, int, int]] = {}
+        self._is_answered = True
+        self.reported_s = float("-inf")
+        """Of which time the newest telemetry is that was published."""
+        self.flying = False
+        """Whether the run has called `act`: it publishes the telemetry then."""
+
+    def need(self, topics: Iterable[str]) -> None:
+        """Watch topics without which the node is blind."""
+        self._windows = {name: (float("-inf"), 0, 0) for name in topics}
+
+    def latch(self, topic: str, text: str) -> None:
+        """Publish a text with the next telemetry, and again each second for late subscribers."""
+        self._latched[topic] = self._make.text(text)
+        self._latched_s = float("-inf")
+
+    def perceive(self, reading: Reading) -> None:
+        """Publish a reading, and wait for its answer where time can wait. Raises AutonomyFault."""
+        self._publish_reading(reading, "")
+
+    def perceive_raw(self, reading: Reading) -> None:
+        """Publish a mixture's input beneath /real or /twin. Raises AutonomyFault."""
+        self._publish_reading(reading, f"/{reading.source}")
+
+    def act(self, telemetry: Telemetry) -> Command:
+        """Publish the telemetry; return the node's setpoint. Raises AutonomyFault."""
+        is_first, self.flying = not self.flying, True
+        if is_first:
+            self._used = self._inbox.count()  # what came before the goal flies nothing
+            self._fresh_s = telemetry.t_s
+            self._windows = {name: self._window(name, telemetry.t_s) for name in self._windows}
+        if (ended := self.ended()) is not None:
+            return ended
+        self.report(telemetry)
+        if self._rules.barrier and (ended := self.ended()) is not None:
+            return ended
+        self._read_words()
+        self._watch_needs(telemetry.t_s)
+        self._take_setpoint(telemetry)
+        return Command(self._setpoint, self._is_done, self._note)
+
+    def ended(self) -> Command | None:
+        """Return the last command where the node has ended by itself with exit code 0.
+
+        None while it runs. Raises AutonomyFault where it crashed.
+        """
+        if self._node is None or not self._node.has_ended:
+            return None
+        if self._node.exit_code == 0:
+            return Command(_STILL, done=True, note=self._note or "the node ended")
+        raise AutonomyFault(f"is a node that {self._node}: {self._node.last_lines()}")
+
+    def report(self, telemetry: Telemetry, *, is_answered: bool = True) -> None:
+        """Publish the telemetry: clock, transforms, pose, odometry; and what is latched.
+
+        is_answered: whether the node has to answer what the barrier names. Raises AutonomyFault.
+        """
+        with self._reporting:
+            t_s, pose = telemetry.t_s, telemetry.pose
+            self.reported_s, self._is_answered = t_s, is_answered
+            stamp_ns = self._tick(t_s)
+            if t_s - self._latched_s >= _AGAIN_S:
+                self._latched_s = t_s
+                self._publish_latched(stamp_ns)
+            transforms = partial(self._make.transforms, self._moving(pose), stamp_ns)
+            self._publish(TF_TOPIC, stamp_ns, transforms)
+            self._publish(POSE_TOPIC, stamp_ns, partial(self._make.pose, pose, stamp_ns))
+            velocity = telemetry.velocity_ned_m_s
+            odometry = partial(self._make.odometry, pose, velocity, stamp_ns)
+            self._publish(ODOMETRY_TOPIC, stamp_ns, odometry)
+
+    def _publish_reading(self, reading: Reading, prefix: str) -> None:
+        with self._reporting:
+            stamp_ns = self._stamp(reading.t_s)
+            self._tick(reading.t_s)
+            made = reading_messages(
+                reading, self._make, stamp_ns, prefix=prefix, compressed=self._rules.compressed
+            )
+            for topic, build in made:
+                self._publish(topic, stamp_ns, build)
+
+    def _publish(self, topic: str, stamp_ns: int, build: Callable[[], bytes]) -> None:
+        """Publish a message; wait for its answer where it is one that is answered."""
+        before = self._inbox.count()
+        is_awaited = self._is_answered and not self._is_done and topic in self._rules.barrier
+        is_sent = self._topics.publish(topic, stamp_ns, build)
+        if not is_awaited:
+            return
+        if not is_sent:
+            self._await_end(topic)
+            return
+        answer = self._inbox.await_answer(
+            stamp_ns, after=before, within_s=self._rules.barrier_s, is_gone=self._is_gone
+        )
+        if answer is not None:
+            self._answer = answer
+        elif self.ended() is None:
+            raise AutonomyFault(self._unanswered(topic, stamp_ns))
+
+    def _await_end(self, topic: str) -> None:
+        """Wait for the end of a node that no longer subscribes. Raises AutonomyFault if it stays.
+
+        Whether it has ended by now is a matter of the machine, and time stands still for it.
+        """
+        until_s = time.monotonic() + self._rules.barrier_s
+        while self.ended() is None:
+            if time.monotonic() >= until_s:
+                where = self._topics.name_of(topic)
+                raise AutonomyFault(f"no longer subscribes to {where}, and has not ended either")
+            time.sleep(_LOOK_S)
+
+    def _unanswered(self, topic: str, stamp_ns: int) -> str:
+        newest = self._inbox.newest
+        found = "it has published none" if newest is None else _stamp_text(newest.stamp_ns)
+        where = self._topics.name_of(topic)
+        return (
+            f"gave no setpoint with the stamp {stamp_ns / _NS:.9f} of a message on {where} within "
+            f"{self._rules.barrier_s:g} s of wall time (autonomy.ros2.barrier): {found}; copy "
+            "header.stamp of the message into the setpoint's"
+        )
+
+    def _publish_latched(self, stamp_ns: int) -> None:
+        mounts = partial(self._make.transforms, self._fixed(), stamp_ns)
+        self._topics.publish(STATIC_TOPIC, stamp_ns, mounts)
+        for topic in tuple(self._latched):
+            build = partial(self._latched.__getitem__, topic)
+            self._topics.publish(topic, stamp_ns, build)
+
+    def _fixed(self) -> tuple[Transform, ...]:
+        return (Transform(WORLD_FRAME, ODOMETRY_FRAME, (0.0, 0.0, 0.0)), *self._mounts)
+
+    def _moving(self, pose: Pose) -> tuple[Transform, ...]:
+        position, turned = enu(pose.position_ned_m), attitude_enu(pose.q_wxyz)
+        body = Transform(ODOMETRY_FRAME, BODY_FRAME, position, turned)
+        return (body, *(sensor_transform(one, pose) for one in self._gimbals))
+
+    def _tick(self, t_s: float) -> int:
+        """Publish the clock, which never goes back; return a time's stamp."""
+        if t_s > self._clock_s:
+            self._clock_s = t_s
+            stamp_ns = self._stamp(t_s)
+            self._topics.publish(CLOCK_TOPIC, stamp_ns, partial(self._make.clock, stamp_ns))
+        return self._stamp(t_s)
+
+    def _stamp(self, t_s: float) -> int:
+        return self._epoch_ns + round(t_s * _NS)
+
+    def _is_gone(self) -> bool:
+        return self._node is not None and self._node.has_ended
+
+    def _read_words(self) -> None:
+        """Take what the node says beside its setpoints."""
+        if (note := self._word(NOTE)) is not None:
+            self._note = note
+        if self._word(DONE) is not None:
+            self._is_done = True
+        if (reason := self._word(ABORT)) is not None:
+            self._abort(reason)
+
+    def _word(self, topic: str) -> str | None:
+        cdr = self._inbox.word(topic)
+        if cdr is None:
+            return None
+        try:
+            return str(self._types.deserialize(cdr, TEXT).data)
+        except BadMessageError as error:
+            raise AutonomyFault(f"published a message on {topic} that {error}") from None
+
+    def _window(self, name: str, t_s: float) -> tuple[float, int, int]:
+        return (t_s, *self._topics.counts(name))
+
+    def _watch_needs(self, t_s: float) -> None:
+        """Decide that the node is blind where under half of a topic's messages reached it."""
+        for name, (began_s, offered, delivered) in tuple(self._windows.items()):
+            if t_s - began_s < _BLIND_S:
+                continue
+            now = self._window(name, t_s)
+            self._windows[name] = now
+            published, left = now[1] - offered, now[2] - delivered
+            if 2 * left < published:
+                self._decide_blind(
+                    f"{left} of {published} messages on {self._topics.name_of(name)} in "
+                    f"{t_s - began_s:.1f} s found a subscriber"
+                )
+
+    def _take_setpoint(self, telemetry: Telemetry) -> None:
+        """Take the newest setpoint if it can be used; stop without one, and fail in the end."""
+        for trouble in self._inbox.troubles():
+            if "publishers" in trouble:
+                raise AutonomyFault(f"is not alone: {trouble}")
+        newest = self._answer if self._rules.barrier else self._inbox.newest
+        if newest is not None and newest.number > self._used:
+            self._used = newest.number
+            if self._is_timely(newest, telemetry.t_s):
+                self._setpoint = self._setpoint_of(newest, telemetry.pose)
+                self._fresh_s = telemetry.t_s
+                newest.topic.used += 1
+        since_s = telemetry.t_s - (telemetry.t_s if self._fresh_s is None else self._fresh_s)
+        if since_s > self._rules.silent_s:
+            why = [self._refused, *self._inbox.troubles()]
+            because = "; ".join(text for text in why if text) or "it published none"
+            raise AutonomyFault(
+                f"published no setpoint that can be used for {since_s:.1f} s: {because}"
+            )
+        if since_s > _OLD_S:
+            self._setpoint = _STILL
+
+    def _is_timely(self, received: Received, t_s: float) -> bool:
+        """Return whether a setpoint's stamp, if it has one, is about now."""
+        if received.stamp_ns == 0 or self._rules.barrier:
+            return True
+        late_s = (self._stamp(t_s) - received.stamp_ns) / _NS
+        if abs(late_s) <= _PAST_S:
+            return True
+        of_when = "old" if late_s > 0 else "ahead of /clock"
+        self._refused = (
+            f"the stamp of one on {received.topic.name} was {abs(late_s):.1f} s {of_when}"
+        )
+        received.topic.trouble = self._refused
+        return False
+
+    def _setpoint_of(self, received: Received, body: Pose) -> Setpoint:
+        name, kind = received.topic.name, received.topic.type
+        try:
+            message = self._types.deserialize(received.cdr, kind)
+            return setpoint_of(message, kind, body)
+        except (BadMessageError, BadSetpointError) as error:
+            raise AutonomyFault(f"published a setpoint on {name} that {error}") from None
+
+
+def _stamp_text(stamp_ns: int) -> str:
+    return f"its newest has the stamp {stamp_ns / _NS:.9f}"

@@ -1,0 +1,107 @@
+"""The process of a node: started with a run, with its own log, and ended with it."""
+
+import os
+import time
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from wil_campaign.plugins.ros2.wire import WireError
+from wil_campaign.vehicles.processes.child import ChildProcess, how_it_ended
+from wil_campaign.vehicles.processes.supervisor import supervised
+
+_GRACE_S = 3.0
+_SUPERVISOR_GRACE_S = 2.0
+_TAIL_BYTES = 2000
+_TAIL_LINES = 6
+_LOOK_S = 0.001
+
+
+class NodeProcess:
+    """A node's process, and the end of what it printed. Its state may be asked in any thread."""
+
+    def __init__(self, child: ChildProcess, log: Path) -> None:
+        self._child = child
+        self._log = log
+        self.ended_by_us = False
+
+    @property
+    def has_ended(self) -> bool:
+        """Return whether the node has ended; also while the loop of the run stands still."""
+        return self.exit_code is not None
+
+    @property
+    def exit_code(self) -> int | None:
+        """Return the exit code, negative by a signal; None while it runs."""
+        while self._child.exit_code is None and self._child.pid is not None:
+            try:
+                flags = os.WEXITED | os.WNOHANG | os.WNOWAIT
+                found = os.waitid(os.P_PID, self._child.pid, flags)
+            except ChildProcessError:
+                time.sleep(_LOOK_S)  # the loop has just reaped it, and notes the code
+                continue
+            if found is None:
+                return None
+            return found.si_status if found.si_code == os.CLD_EXITED else -found.si_status
+        return self._child.exit_code
+
+    def __str__(self) -> str:
+        if self.ended_by_us:
+            return f"ended with the run ({how_it_ended(self.exit_code)})"
+        return f"{how_it_ended(self.exit_code)} by itself" if self.has_ended else "runs"
+
+    def last_lines(self) -> str:
+        """Return the last lines that the node printed, in one; "" for none."""
+        try:
+            with self._log.open("rb") as stream:
+                stream.seek(0, os.SEEK_END)
+                stream.seek(max(0, stream.tell() - _TAIL_BYTES))
+                text = stream.read().decode("utf-8", "replace")
+        except OSError:
+            return ""
+        lines = (" ".join(line.split()) for line in text.splitlines())
+        return " | ".join([line for line in lines if line][-_TAIL_LINES:])
+
+
+@asynccontextmanager
+async def started_node(
+    argv: Sequence[str],
+    *,
+    environment: Mapping[str, str],
+    folder: Path,
+    log: Path,
+    on_end: Callable[[], None],
+    inherited: Sequence[int] = (),
+) -> AsyncIterator[NodeProcess]:
+    """Run a node; its whole process group is ended on leaving. Raises WireError.
+
+    on_end: called in the loop when it ends by itself. inherited: descriptors that it gets; such a
+    one is no user's, and has no supervisor, which would keep them.
+    """
+    command = tuple(argv)
+    if not inherited:
+        command = supervised(argv, parent=os.getpid(), grace_s=_SUPERVISOR_GRACE_S)
+    with log.open("ab") as output:
+        child = ChildProcess(
+            argv=command,
+            environment=environment,
+            folder=folder,
+            output=output.fileno(),
+            inherited=inherited,
+            grace_s=_GRACE_S,
+        )
+        node = NodeProcess(child, log)
+
+        def ended(_: ChildProcess) -> None:
+            if not node.ended_by_us:
+                on_end()
+
+        try:
+            child.start(ended)
+        except OSError as error:
+            raise WireError(f"the node cannot be started: {argv[0]}: {error.strerror}") from error
+    try:
+        yield node
+    finally:
+        node.ended_by_us = not node.has_ended
+        await child.end()

@@ -1,0 +1,18 @@
+"""What the plugin ros2 adds."""
+
+from wil_campaign.hooks import AutonomyKind, implements
+
+
+@implements
+def autonomy_kinds() -> tuple[AutonomyKind, ...]:
+    """Return the kind `ros2`."""
+    return (
+        AutonomyKind(
+            "ros2",
+            value="a node",
+            field="wil_campaign.plugins.ros2.ros2_autonomy:ros2_field",
+            setup="wil_campaign.plugins.ros2.ros2_autonomy:Ros2Autonomy",
+            open="wil_campaign.plugins.ros2.node_flight:open_node",
+            noun="ROS 2 node",
+        ),
+    )

@@ -1,0 +1,121 @@
+"""The messages of a node: the newest setpoint, what it answers, and what cannot be used."""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from wil_campaign.plugins.ros2.messages.setpoint_messages import stamp_of
+from wil_campaign.plugins.ros2.messages.topics import WORDS
+from wil_campaign.plugins.ros2.wire import InMessage
+
+_LOOK_S = 0.1
+_KEPT = 256
+"""How many setpoints are kept: a node may send more than the answer that is awaited."""
+
+
+@dataclass(slots=True)
+class InTopic:
+    """A topic of the node. name: by us. type: expected. trouble: why messages are not used."""
+
+    name: str
+    type: str
+    received: int = 0
+    used: int = 0
+    trouble: str = ""
+    senders: set[str] = field(default_factory=set)
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """A setpoint message. number: counts up over all topics. stamp_ns: of its header."""
+
+    number: int
+    topic: InTopic
+    cdr: bytes
+    stamp_ns: int
+
+
+class SetpointInbox:
+    """Keeps the newest setpoint of a node; `take` is called in threads of the wire.
+
+    topics: of setpoints and words, by the name on the wire.
+    """
+
+    def __init__(self, topics: Mapping[str, InTopic]) -> None:
+        self.topics = topics
+        self._changed = threading.Condition()
+        self._recent: deque[Received] = deque(maxlen=_KEPT)
+        self._numbers = 0
+        self._words: dict[str, bytes] = {}
+
+    def take(self, message: InMessage) -> None:
+        """Take a message of the node."""
+        topic = self.topics[message.topic]
+        with self._changed:
+            topic.received += message.cdr is not None
+            if message.type != topic.type:
+                topic.trouble = f"it has {message.type or 'an unknown type'}, not {topic.type}"
+                return
+            if message.sender:
+                topic.senders.add(message.sender)
+            if message.cdr is None:
+                return
+            if topic.name in WORDS:
+                topic.used += 1
+                self._words[topic.name] = message.cdr
+                return
+            self._numbers += 1
+            stamp_ns = stamp_of(message.cdr)
+            self._recent.append(Received(self._numbers, topic, message.cdr, stamp_ns))
+            self._changed.notify_all()
+
+    @property
+    def newest(self) -> Received | None:
+        """Return the newest setpoint message; None before the first."""
+        with self._changed:
+            return self._recent[-1] if self._recent else None
+
+    def word(self, name: str) -> bytes | None:
+        """Return the newest message of a topic of words, and forget it; None without one."""
+        with self._changed:
+            return self._words.pop(name, None)
+
+    def count(self) -> int:
+        """Return how many setpoint messages have come: the number of the newest."""
+        with self._changed:
+            return self._numbers
+
+    def await_answer(
+        self, stamp_ns: int, *, after: int, within_s: float, is_gone: Callable[[], bool]
+    ) -> Received | None:
+        """Return the setpoint with a stamp, waiting in wall time; None where none comes in time.
+
+        after: the number of the newest message before the one to be answered. is_gone: asked again
+        and again whether the node has ended.
+        """
+        until_s = time.monotonic() + within_s
+        with self._changed:
+            while True:
+                for one in reversed(self._recent):
+                    if one.number <= after:
+                        break
+                    if one.stamp_ns == stamp_ns:
+                        return one
+                if time.monotonic() >= until_s or is_gone():
+                    return None
+                self._changed.wait(_LOOK_S)
+
+    def troubles(self) -> list[str]:
+        """Return in words what of the topics cannot be used."""
+        found = [f"{one} cannot be used: {of.trouble}" for one, of in self._items() if of.trouble]
+        return found + [
+            f"{len(of.senders)} publishers publish on {one}: only one can fly the vehicle"
+            for one, of in self._items()
+            if len(of.senders) > 1
+        ]
+
+    def _items(self) -> list[tuple[str, InTopic]]:
+        with self._changed:
+            return list(self.topics.items())

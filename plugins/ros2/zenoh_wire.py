@@ -1,0 +1,152 @@
+"""The wire by zenoh, as rmw_zenoh has it: keys, attachments and tokens; no ROS is needed.
+
+The session is a router on loopback, of one run: nodes connect to it and to each other. Its formats
+are those of rmw_zenoh_cpp from 0.2 on (docs/design.md there, attachment_helpers.cpp).
+"""
+
+import socket
+import struct
+import threading
+from collections.abc import Mapping
+from itertools import count
+from typing import Any
+
+import zenoh
+
+from wil_campaign.plugins.ros2.messages.ros_types import RosTypes, dds_name, ros_name
+from wil_campaign.plugins.ros2.messages.topics import OutTopic
+from wil_campaign.plugins.ros2.wire import InMessage, Take, WireError
+
+_HOST = "127.0.0.1"
+_GID_BYTES = 16
+_TRIES = 8
+_QUALITIES = {"reliable": "1:2:1,10:,:,:,,", "latched": "1:1:1,1:,:,:,,"}
+"""Reliability, durability and history of rmw/types.h, as liveliness tokens have them."""
+_NODE = "wil"
+_ATTACHMENT = struct.Struct("<qqB")
+
+
+class ZenohWire:
+    """Publishes and listens by zenoh in a domain of ROS. Raises WireError.
+
+    port: of loopback, to listen on; 0 for a free one. Nodes that run already look for 7447.
+    """
+
+    def __init__(self, *, domain: int, port: int, types: RosTypes) -> None:
+        self._domain = domain
+        self._types = types
+        self._session, self.endpoint = _open_session(port)
+        self._entities = count(1)
+        self._lock = threading.Lock()
+        self._publishers: dict[str, _Publisher] = {}
+        self._subscribers: list[Any] = []
+        self._tokens: list[Any] = []
+        self._zid = str(self._session.info.zid())
+        self._declare_token(f"@ros2_lv/{domain}/{self._zid}/0/0/NN/%/%/{_NODE}")
+
+    def advertise(self, topic: OutTopic, name: str) -> None:
+        """Offer a topic: a publisher, and its token in the graph."""
+        hash_ = self._types.hash(topic.type)
+        key = f"{self._domain}{name}/{dds_name(topic.type)}/{hash_}"
+        # A node that is late gets each message all the same: none is dropped on our side.
+        publisher = self._session.declare_publisher(
+            key, congestion_control=zenoh.CongestionControl.BLOCK, express=True
+        )
+        entity = next(self._entities)
+        gid = entity.to_bytes(_GID_BYTES, "little")
+        self._publishers[name] = _Publisher(publisher, gid)
+        self._declare_entity(f"{entity}/MP", name, topic.type, _QUALITIES[topic.quality])
+
+    def listen(self, name: str, type_: str, take: Take) -> None:
+        """Call `take` with each message on a topic."""
+
+        def on_sample(sample: Any) -> None:
+            parts = str(sample.key_expr).rsplit("/", 2)
+            found = ros_name(parts[-2]) if len(parts) == 3 else ""
+            attached = b"" if sample.attachment is None else sample.attachment.to_bytes()
+            take(InMessage(name, found, sample.payload.to_bytes(), _sender(attached)))
+
+        subscriber = self._session.declare_subscriber(f"{self._domain}{name}/*/*", on_sample)
+        self._subscribers.append(subscriber)
+        self._declare_entity(f"{next(self._entities)}/MS", name, type_, _QUALITIES["reliable"])
+
+    def is_subscribed(self, name: str) -> bool:
+        """Return whether anybody subscribes to an advertised topic."""
+        return bool(self._publishers[name].publisher.matching_status.matching)
+
+    def publish(self, name: str, cdr: bytes, stamp_ns: int) -> bool:
+        """Publish a message; return whether zenoh took it."""
+        one = self._publishers[name]
+        with self._lock:
+            one.sent += 1
+            attachment = _ATTACHMENT.pack(one.sent, stamp_ns, _GID_BYTES) + one.gid
+        try:
+            one.publisher.put(cdr, attachment=attachment)
+        except zenoh.ZError:
+            return False
+        return True
+
+    def trouble(self) -> str:
+        """Return "": the session is in this process."""
+        return ""
+
+    def environment(self) -> Mapping[str, str]:
+        """Return the variables of rmw_zenoh, and the address for other programs."""
+        return {
+            "RMW_IMPLEMENTATION": "rmw_zenoh_cpp",
+            "ZENOH_CONFIG_OVERRIDE": f'connect/endpoints=["{self.endpoint}"]',
+            "WIL_ZENOH_ENDPOINT": self.endpoint,
+        }
+
+    def close(self) -> None:
+        """Close the session."""
+        self._session.close()
+
+    def _declare_entity(self, entity: str, name: str, type_: str, quality: str) -> None:
+        """Declare a publisher (MP) or subscriber (MS), so that `ros2 topic list` shows it.
+
+        entity: its number and kind.
+        """
+        of = f"@ros2_lv/{self._domain}/{self._zid}/0/{entity}/%/%/{_NODE}"
+        topic, hash_ = name.replace("/", "%"), self._types.hash(type_)
+        self._declare_token(f"{of}/{topic}/{dds_name(type_)}/{hash_}/{quality}")
+
+    def _declare_token(self, key: str) -> None:
+        self._tokens.append(self._session.liveliness().declare_token(key))
+
+
+class _Publisher:
+    def __init__(self, publisher: Any, gid: bytes) -> None:
+        self.publisher = publisher
+        self.gid = gid
+        self.sent = 0
+
+
+def _open_session(port: int) -> tuple[Any, str]:
+    """Return a session that listens on a port, and its address. Raises WireError."""
+    # zenoh does not say which port it got; a free one may be taken until it listens.
+    for _ in range(1 if port else _TRIES):
+        endpoint = f"tcp/{_HOST}:{port or _free_port()}"
+        config = zenoh.Config()
+        config.insert_json5("mode", '"router"')
+        config.insert_json5("scouting/multicast/enabled", "false")
+        config.insert_json5("listen/endpoints", f'["{endpoint}"]')
+        try:
+            return zenoh.open(config), endpoint
+        except zenoh.ZError as error:
+            reason = str(error).partition(" at /")[0]
+    remedy = "; end the router there (rmw_zenohd): the run is the router of its nodes"
+    raise WireError(f"zenoh cannot listen at {endpoint}: {reason}{remedy if port else ''}")
+
+
+def _free_port() -> int:
+    with socket.socket() as free:
+        free.bind((_HOST, 0))
+        return int(free.getsockname()[1])
+
+
+def _sender(attachment: bytes) -> str:
+    """Return the publisher in a message's attachment; "" without one."""
+    if len(attachment) < _ATTACHMENT.size + _GID_BYTES:
+        return ""
+    return attachment[_ATTACHMENT.size :][:_GID_BYTES].hex()

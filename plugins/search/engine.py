@@ -1,0 +1,55 @@
+"""The engine of a search: flies a batch of variants, and returns their results."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from wil_campaign.campaigns.expansion.expansion import Campaign
+from wil_campaign.orchestrator.campaign.campaign_runner import Watcher, fly_campaign
+from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.model.results import RunResult, Stop
+
+_SIGNAL, _COMMAND, _BROKEN = 130, 4, 3
+"""Exit codes of a flown campaign."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EngineResult:
+    """The results of a batch. runs: by their names, `<case>/<mode>/<rep>`.
+
+    stopped: what ended the batch early. is_broken: there was an internal error.
+    """
+
+    runs: Mapping[str, RunResult]
+    stopped: Stop | None = None
+    is_broken: bool = False
+
+
+class Engine(Protocol):
+    """Flies campaigns for a search, each into its own folder (protocol)."""
+
+    def fly(self, campaign: Campaign, folder: Path) -> EngineResult:
+        """Fly the remaining runs of a campaign into its folder, and return all its results.
+
+        Raises OutputError, OperatingError, ResumeError, EngineError.
+        """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BatchEngine:
+    """Flies each batch as a campaign. cleared: as what."""
+
+    cleared: Cleared
+    watcher: Watcher
+
+    def fly(self, campaign: Campaign, folder: Path) -> EngineResult:
+        """Fly a batch's campaign, or resume it."""
+        options = FlightOptions(resume=(folder / "campaign.json").is_file())
+        outcome = fly_campaign(campaign, options, self.cleared, self.watcher, batch=folder)
+        stops: dict[int, Stop] = {_SIGNAL: "signal", _COMMAND: "command"}
+        return EngineResult(
+            runs={f"{one.case}/{one.mode}/{one.rep}": one for one in outcome.summary.runs},
+            stopped=stops.get(outcome.exit_code),
+            is_broken=outcome.exit_code == _BROKEN,
+        )

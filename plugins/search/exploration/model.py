@@ -1,0 +1,242 @@
+"""Values of a search: variants, flights, outcomes, failing cases and findings."""
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from wil_campaign.campaigns.schema import Mode
+from wil_campaign.campaigns.statistics.proportions import Interval
+from wil_campaign.plugins.search.exploration.gap import ModeGap
+from wil_campaign.plugins.search.exploration.sensed import SensedView
+from wil_campaign.plugins.search.exploration.space import Space, Values
+
+Purpose = Literal["explore", "pass on", "confirm", "reduce"]
+Standing = Literal["confirmed", "intermittent", "refuted", "undecided"]
+_SETTLED: frozenset[Standing] = frozenset({"confirmed", "refuted"})
+FlownVerdict = Literal["PASS", "FAIL", "INVALID", "ERROR", "ABORTED"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Variant:
+    """A variant of the campaign. name: of its case; values: what it changes, by parameter.
+
+    of: the variant from which it was reduced; empty for a proposal.
+    """
+
+    name: str
+    values: Values
+    of: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flight:
+    """A flight that a search requests. repetition from 1.
+
+    seed_name: the flight's seed derives from it, the repetition and the campaign's seed.
+    """
+
+    variant: Variant
+    mode: Mode
+    repetition: int
+    seed_name: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Batch:
+    """Flights of one mode that a search requests at once. number from 1."""
+
+    number: int
+    purpose: Purpose
+    mode: Mode
+    flights: tuple[Flight, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightOutcome:
+    """The outcome of a flight. value: normalised margin, at most 0 where it failed.
+
+    None where there is none: INVALID, ERROR, or an objective without a margin. cause: the oracle
+    that decided a FAIL, such as "reached/real". duration_s: of the flight; wall_s: on this machine.
+    sensed: what was in view of its sensors; empty where that was not determined.
+    """
+
+    verdict: FlownVerdict
+    value: float | None
+    cause: str = ""
+    reason: str = ""
+    duration_s: float = 0.0
+    wall_s: float = 0.0
+    sensed: tuple[SensedView, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchProblem:
+    """The task of a search. budget: flights that look for failures, by mode, cheapest first.
+
+    confirm_flights, votes: how often a failing variant is flown again, and how many of these must
+    fail. confirm_most: most variants that are flown again. reduce_flights: most for each confirmed
+    failure. stop_after: number of confirmed failures that end the search; None: no limit. at_once:
+    flights requested at once. refuse: returns why a variant cannot be flown; "" where it can.
+    """
+
+    space: Space
+    budget: Mapping[Mode, int]
+    refuse: Callable[[Variant], str]
+    seeds: int = 1
+    confirm_flights: int = 5
+    votes: int = 3
+    confirm_most: int = 3
+    reduce_flights: int = 40
+    stop_after: int | None = None
+    at_once: int = 1
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """Return the modes in the order of their cost."""
+        return tuple(self.budget)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TriedVariant:
+    """A variant with the outcomes of its flights that look for failures, by mode."""
+
+    variant: Variant
+    outcomes: Mapping[Mode, tuple[FlightOutcome, ...]] = field(default_factory=dict)
+
+    def value(self, mode: Mode) -> float | None:
+        """Return the smallest value in a mode; None where no flight has one."""
+        values = [one.value for one in self.outcomes.get(mode, ()) if one.value is not None]
+        return min(values, default=None)
+
+    def failed(self, mode: Mode) -> bool:
+        """Return whether a flight of the mode failed."""
+        return any(one.verdict == "FAIL" for one in self.outcomes.get(mode, ()))
+
+    def passed(self, mode: Mode) -> bool:
+        """Return whether a flight of the mode passed."""
+        return any(one.verdict == "PASS" for one in self.outcomes.get(mode, ()))
+
+    def failed_last(self, modes: Sequence[Mode]) -> bool:
+        """Return whether a flight failed in the last of these modes with a PASS or a FAIL."""
+        proven = [mode for mode in modes if self.failed(mode) or self.passed(mode)]
+        return bool(proven) and self.failed(proven[-1])
+
+    @property
+    def is_proven(self) -> bool:
+        """Return whether a flight in any mode has the verdict PASS or FAIL."""
+        outcomes = itertools.chain.from_iterable(self.outcomes.values())
+        return any(one.verdict in {"PASS", "FAIL"} for one in outcomes)
+
+    def cause(self, mode: Mode) -> str:
+        """Return the cause of the first failure in a mode; "" without one."""
+        causes = [one.cause for one in self.outcomes.get(mode, ()) if one.verdict == "FAIL"]
+        return causes[0] if causes else ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FailingCase:
+    """A variant that failed and was flown again, and the smallest one that it was reduced to.
+
+    failed of proven flights failed, whatever the cause; interval: of the rate at which it fails.
+    cause: the most frequent one; causes: the number of failures by cause, the most frequent first.
+    reduced, reduced_failed, reduced_proven, reduced_causes: the same of the smallest; the variant
+    itself where nothing smaller fails as often. is_reduced: False where the flights for it were
+    used up.
+    """
+
+    variant: Variant
+    mode: Mode
+    standing: Standing
+    cause: str
+    failed: int
+    proven: int
+    interval: Interval | None
+    reduced: Variant
+    reduced_failed: int
+    reduced_proven: int
+    causes: Mapping[str, int] = field(default_factory=dict)
+    reduced_causes: Mapping[str, int] = field(default_factory=dict)
+    is_reduced: bool = True
+
+    @property
+    def causes_text(self) -> str:
+        """Return the causes, with the number of failures by each where there are several."""
+        return _causes_text(self.causes) or self.cause
+
+    @property
+    def reduced_causes_text(self) -> str:
+        """Return the causes by which the smallest variant failed."""
+        return _causes_text(self.reduced_causes) or self.cause
+
+
+def _causes_text(causes: Mapping[str, int]) -> str:
+    """Return causes as text: "reached/real", or "collision/real 2, reached/real 1"."""
+    if len(causes) == 1:
+        return next(iter(causes))
+    return ", ".join(f"{cause} {count}" for cause, count in causes.items())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cost:
+    """The cost of flights of a mode: their number, seconds of flight, and of wall time."""
+
+    flights: int = 0
+    flight_s: float = 0.0
+    wall_s: float = 0.0
+
+    def plus(self, outcome: FlightOutcome) -> "Cost":
+        """Return the cost with a further flight."""
+        return Cost(
+            flights=self.flights + 1,
+            flight_s=self.flight_s + outcome.duration_s,
+            wall_s=self.wall_s + outcome.wall_s,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Findings:
+    """The result of a search. modes: those that it flies, the costliest last. ended: why, in words.
+
+    refused: variants never flown, and why. cases: those flown again. costs: by mode and purpose.
+    gaps: between each mode and the next one. flown: the outcome of each flight, in their order.
+    """
+
+    modes: tuple[Mode, ...]
+    tried: tuple[TriedVariant, ...]
+    refused: tuple[tuple[Variant, str], ...]
+    cases: tuple[FailingCase, ...]
+    costs: Mapping[tuple[Mode, Purpose], Cost]
+    gaps: tuple[ModeGap, ...]
+    ended: str
+    flown: tuple[FlightOutcome, ...] = ()
+
+    @property
+    def open_failures(self) -> tuple[TriedVariant, ...]:
+        """Return the variants that failed in their costliest proven mode and are not settled.
+
+        Settled is confirmed or refuted; what came back too seldom is not. A variant that failed in
+        a cheaper mode is open as well where the budget, the gap or INVALID flights left the
+        costlier mode without a result.
+        """
+        settled = {one.variant.name for one in self.cases if one.standing in _SETTLED}
+        return tuple(
+            one
+            for one in self.tried
+            if one.variant.name not in settled and one.failed_last(self.modes)
+        )
+
+    @property
+    def unproven(self) -> tuple[TriedVariant, ...]:
+        """Return the variants all of whose flights were INVALID or ERROR."""
+        return tuple(one for one in self.tried if not one.is_proven)
+
+    @property
+    def is_proven(self) -> bool:
+        """Return whether more than half of the variants have a PASS or a FAIL."""
+        return len(self.unproven) * 2 < len(self.tried)
+
+    @property
+    def confirmed(self) -> tuple[FailingCase, ...]:
+        """Return the failures that were confirmed."""
+        return tuple(one for one in self.cases if one.standing == "confirmed")

@@ -1,0 +1,47 @@
+"""Votes: how many flights of a variant failed, and by which causes; pure."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from wil_campaign.plugins.search.exploration.model import FlightOutcome, Standing
+
+
+@dataclass(frozen=True, slots=True)
+class Votes:
+    """The number of flights with PASS or FAIL, and how many of these failed.
+
+    causes: the number of failures by cause, the most frequent first.
+    """
+
+    failed: int
+    proven: int
+    causes: Mapping[str, int]
+
+    @property
+    def cause(self) -> str:
+        """Return the most frequent cause; "" without a failure."""
+        return next(iter(self.causes), "")
+
+
+def votes_of(outcomes: Iterable[FlightOutcome]) -> Votes:
+    """Return the votes of flights."""
+    proven = [one for one in outcomes if one.verdict in {"PASS", "FAIL"}]
+    counts = Counter(one.cause for one in proven if one.verdict == "FAIL")
+    # On a tie the first in the alphabet, so that the order of the flights does not matter.
+    causes = dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+    return Votes(counts.total(), len(proven), causes)
+
+
+def standing_of(votes: Votes, *, needed: int, due: int) -> Standing:
+    """Return whether the votes confirm a failure. needed: failures; due: all flights.
+
+    Flights without a result (INVALID, ERROR) might have failed or passed: they decide nothing. A
+    failure that came back, though too seldom to be confirmed, is a failure at some rate: it is
+    intermittent. Refuted is one that did not come back in any flight.
+    """
+    if votes.failed >= needed:
+        return "confirmed"
+    if votes.failed + due - votes.proven >= needed:
+        return "undecided"
+    return "intermittent" if votes.failed else "refuted"

@@ -1,0 +1,198 @@
+"""The document of a search, search.json: its variants, failures, coverage and cost."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from wil_campaign.plugins.search.exploration.coverage import coverage_of
+from wil_campaign.plugins.search.exploration.model import FailingCase, Findings, TriedVariant
+from wil_campaign.plugins.search.exploration.search_campaign import SearchCampaign
+from wil_campaign.plugins.search.exploration.sensed import EDGES_M, SensedCoverage, sensed_coverage
+
+FILE_NAME = "search.json"
+
+
+def search_document(
+    search: SearchCampaign,
+    findings: Findings,
+    *,
+    ended: str,
+    files: Mapping[str, str],
+    at_once: int,
+) -> dict[str, Any]:
+    """Return the document of a search. ended: why it ended. files: of confirmed failures, by name.
+
+    Only `wall_s` depends on the machine.
+    """
+    part = search.part
+    return {
+        "campaign": search.campaign.name,
+        "case": search.case,
+        "seed": search.campaign.seed,
+        "strategy": part.strategy,
+        "at_once": at_once,
+        "objective": list(part.oracles),
+        "budget": part.flights_by_mode,
+        "seeds": part.seeds,
+        "parameters": [
+            {
+                "name": one.name,
+                "keys": list(one.keys),
+                "unit": one.unit,
+                "from": one.low if one.is_number else None,
+                "to": one.high if one.is_number else None,
+                "integer": one.is_integer,
+                "choices": list(one.choices),
+                "own": one.own,
+            }
+            for one in search.space.parameters
+        ],
+        "constraints": [one.text for one in search.space.constraints],
+        "ended": ended,
+        "failures": [_failure_entry(search, one, files) for one in findings.cases],
+        "gaps": [
+            {
+                "from": gap.lower,
+                "to": gap.upper,
+                "pairs": len(gap.differences),
+                "mean": gap.mean,
+                "spread": gap.spread,
+            }
+            for gap in findings.gaps
+        ],
+        "costs": [
+            {
+                "mode": mode,
+                "purpose": purpose,
+                "flights": cost.flights,
+                "flight_s": round(cost.flight_s, 3),
+                "wall_s": round(cost.wall_s, 3),
+            }
+            for (mode, purpose), cost in findings.costs.items()
+        ],
+        "coverage": _coverage_entry(search, findings),
+        "sensed": [_sensed_entry(one) for one in sensed_of(findings)],
+        "variants": [_variant_entry(one) for one in findings.tried],
+        "refused": [
+            {"name": one.name, "values": dict(one.values), "reason": why}
+            for one, why in findings.refused
+        ],
+    }
+
+
+def sensed_of(findings: Findings) -> tuple[SensedCoverage, ...]:
+    """Return what the sensors had in view in all flights with PASS or FAIL."""
+    proven = (one for one in findings.flown if one.verdict in {"PASS", "FAIL"})
+    return sensed_coverage((one.sensed, one.verdict == "FAIL") for one in proven)
+
+
+def unsettled_texts(findings: Findings) -> list[str]:
+    """Return in words what of a search is unsettled: open failures, variants without a result.
+
+    Also at which rate what is not confirmed may still fail.
+    """
+    texts = [text for one in findings.cases if (text := _rate_text(one))]
+    if findings.open_failures and not findings.confirmed:
+        count = len(findings.open_failures)
+        are = "failure is" if count == 1 else "failures are"
+        texts.append(f"{count} {are} neither confirmed nor refuted")
+    if (unproven := len(findings.unproven)) > 0:
+        count = len(findings.tried)
+        texts.append(f"{unproven} of {count} variants proved nothing: INVALID or ERROR")
+    return texts
+
+
+def _rate_text(case: FailingCase) -> str:
+    """Return at which rate a failure that is not confirmed comes back; "" for others."""
+    if case.interval is None or case.standing in {"confirmed", "undecided"}:
+        return ""
+    low, high = case.interval.low, case.interval.high
+    flights = f"{case.proven} flight{'s' if case.proven != 1 else ''}"
+    if case.standing == "intermittent":
+        return (
+            f"{case.variant.name} failed again in {case.failed} of {flights}, too seldom to be "
+            f"confirmed and not refuted: it fails at a rate of {low:.2f} to {high:.2f}"
+        )
+    return (
+        f"{case.variant.name} failed once and not again in {flights}: "
+        f"a rate of up to {high:.2f} is not excluded"
+    )
+
+
+def _sensed_entry(one: SensedCoverage) -> dict[str, Any]:
+    """Return the entry of what a sensor had in view."""
+    return {
+        "sensor": one.sensor,
+        "object": one.object,
+        "flights": one.flights,
+        "seen_in": one.seen,
+        "nearest_m": one.nearest_m,
+        "largest_share": one.largest_share if one.object else None,
+        "distinct_readings": one.reduced,
+        "last_new_in_flight": one.newest,
+        "sectors": one.sectors,
+        "edges_m": list(EDGES_M),
+        "cells": [
+            {"sector": sector, "level": level, "flights": count, "failed": failed}
+            for (sector, level), count in one.cells.items()
+            for failed in (one.failed.get((sector, level), 0),)
+        ],
+        "of_cells": one.of_cells,
+    }
+
+
+def _variant_entry(tried: TriedVariant) -> dict[str, Any]:
+    """Return the entry of a variant that was tried."""
+    return {
+        "name": tried.variant.name,
+        "values": dict(tried.variant.values),
+        "modes": {
+            mode: {
+                "value": tried.value(mode),
+                "verdicts": [one.verdict for one in outcomes],
+                "causes": [one.cause for one in outcomes],
+                "reasons": [one.reason for one in outcomes],
+            }
+            for mode, outcomes in tried.outcomes.items()
+        },
+    }
+
+
+def _failure_entry(
+    search: SearchCampaign, case: FailingCase, files: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return the entry of a failure that was flown again."""
+    interval = case.interval
+    return {
+        "name": case.variant.name,
+        "mode": case.mode,
+        "standing": case.standing,
+        "cause": case.cause,
+        "causes": dict(case.causes),
+        "failed": case.failed,
+        "proven": case.proven,
+        "interval": None
+        if interval is None
+        else {"low": interval.low, "high": interval.high, "confidence": interval.confidence},
+        "values": dict(case.variant.values),
+        "reduced": {
+            "values": dict(case.reduced.values),
+            "keys": search.overrides(case.reduced.values),
+            "failed": case.reduced_failed,
+            "proven": case.reduced_proven,
+            "causes": dict(case.reduced_causes),
+            "is_smallest": case.is_reduced,
+        },
+        "file": files.get(case.variant.name),
+    }
+
+
+def _coverage_entry(search: SearchCampaign, findings: Findings) -> dict[str, Any]:
+    """Return the entry of how much of the space was flown."""
+    coverage = coverage_of(search.space, [one.variant.values for one in findings.tried])
+    return {
+        "cells": coverage.cells,
+        "flown": coverage.flown,
+        "share": coverage.share,
+        "farthest": coverage.farthest,
+        "distance": coverage.distance,
+    }

@@ -1,0 +1,218 @@
+"""Flies a search: resumes from its ledger, flies batches, writes the findings."""
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from wil_campaign.campaigns.expansion.expansion import RunPlan
+from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
+    OutputError,
+    TakenError,
+    held,
+    make_folder,
+)
+from wil_campaign.orchestrator.campaign.folder.manifest import manifest
+from wil_campaign.orchestrator.campaign.resuming.resumption import resumed_folder, resumed_manifest
+from wil_campaign.orchestrator.model.attempts import ended_attempts, passed_text
+from wil_campaign.orchestrator.model.document_writer import to_json, write_whole
+from wil_campaign.orchestrator.model.results import RunResult, Stop
+from wil_campaign.plugins.search.engine import Engine
+from wil_campaign.plugins.search.exploration.learning_strategies import make_strategy
+from wil_campaign.plugins.search.exploration.model import Batch, Findings, Flight, FlightOutcome
+from wil_campaign.plugins.search.exploration.search import Search
+from wil_campaign.plugins.search.exploration.search_campaign import SearchCampaign
+from wil_campaign.plugins.search.exploration.strategies import Strategy
+from wil_campaign.plugins.search.failure_file import FOLDER, failure_text
+from wil_campaign.plugins.search.ledger import Ledger
+from wil_campaign.plugins.search.search_document import FILE_NAME, search_document
+from wil_campaign.plugins.search.sensed_views import sensed_views
+
+SEARCHES = "search"
+"""The folder of a campaign's searches, beneath its results."""
+_FLIGHTS = "flights"
+_STOPPED: Mapping[Stop, str] = {
+    "signal": "Ctrl-C or SIGTERM; continue with --resume",
+    "command": "aborted by an operator; continue with --resume",
+}
+_CODES: Mapping[Stop, int] = {"signal": 130, "command": 4}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchOutcome:
+    """The outcome of a search. ended: why it ended. files: of confirmed failures, by variant."""
+
+    findings: Findings
+    folder: Path
+    ended: str
+    files: Mapping[str, str]
+    exit_code: int
+
+
+def fly_search(
+    search: SearchCampaign,
+    options: FlightOptions,
+    cleared: Cleared,
+    engine: Engine,
+    say: Callable[[str], None],
+) -> SearchOutcome:
+    """Fly a search and write its folder, beneath `options.out`.
+
+    It proposes as many flights at once as `cleared` has jobs; one that is resumed keeps its number.
+    Raises OutputError, OperatingError, ResumeError, EngineError, SearchError, MissingExtraError.
+    """
+    # First of all: it raises MissingExtraError before anything begins.
+    strategy = make_strategy(search.part.strategy, search.space, search.campaign.seed)
+    with ExitStack() as stack:
+        try:
+            folder, ledger = _begin(search, options, cleared, stack)
+            return _SearchFlight(search, engine, folder, ledger, say).fly(strategy)
+        except (TakenError, OSError) as error:
+            raise OutputError(f"{error}; choose another folder with --out") from error
+
+
+def _begin(
+    search: SearchCampaign, options: FlightOptions, cleared: Cleared, stack: ExitStack
+) -> tuple[Path, Ledger]:
+    """Return the search's folder, locked until the stack ends, and its ledger."""
+    home = options.out / search.campaign.name
+    document: Mapping[str, object] = manifest(search.campaign, cleared.clock)
+    if not options.resume:
+        folder = make_folder(home / SEARCHES)
+        stack.enter_context(held(folder))
+        ledger = Ledger.new(folder, at_once=cleared.jobs)
+    else:
+        is_folder = (options.out / "campaign.json").is_file()
+        folder = resumed_folder(options.out if is_folder else home, SEARCHES)
+        document = resumed_manifest(folder, document)
+        stack.enter_context(held(folder))
+        ledger = Ledger.resumed(folder)
+    write_whole(folder / "campaign.json", to_json(document))
+    return folder, ledger
+
+
+class _SearchFlight:
+    """A search while it is flown."""
+
+    def __init__(
+        self,
+        search: SearchCampaign,
+        engine: Engine,
+        folder: Path,
+        ledger: Ledger,
+        say: Callable[[str], None],
+    ) -> None:
+        self._search = search
+        self._engine = engine
+        self._folder = folder
+        self._ledger = ledger
+        self._say = say
+        self._files: dict[str, str] = {}
+
+    def fly(self, strategy: Strategy) -> SearchOutcome:
+        """Fly until the search is complete, or is stopped."""
+        search = Search(self._search.problem(at_once=self._ledger.at_once), strategy)
+        try:
+            stopped = self._fly_all(search)
+        except KeyboardInterrupt:
+            # Between two batches; within a batch the campaign lands its vehicles.
+            stopped = "signal"
+        findings = search.findings
+        ended = findings.ended if stopped is None else _STOPPED[stopped]
+        self._write(findings, ended)
+        return SearchOutcome(
+            findings=findings,
+            folder=self._folder,
+            ended=ended,
+            files=dict(self._files),
+            exit_code=exit_code_of(findings, stopped=stopped, is_broken=self._ledger.is_broken),
+        )
+
+    def _fly_all(self, search: Search) -> Stop | None:
+        """Fly the proposed batches, and send the search their outcomes; return what stopped it."""
+        steps = search.steps()
+        outcomes: tuple[FlightOutcome, ...] | None = None
+        while True:
+            try:
+                batch = next(steps) if outcomes is None else steps.send(outcomes)
+            except StopIteration:
+                return None
+            outcomes = self._ledger.outcomes(batch)
+            if outcomes is None:
+                flown = self._fly_batch(batch)
+                if not isinstance(flown, tuple):
+                    return flown
+                outcomes = flown
+
+    def _fly_batch(self, batch: Batch) -> tuple[FlightOutcome, ...] | Stop:
+        """Fly a batch; return its outcomes, or what stopped it."""
+        self._ledger.begin(batch)
+        names = ", ".join(dict.fromkeys(one.variant.name for one in batch.flights))
+        self._say(f"batch {batch.number}, {batch.purpose} in {batch.mode}: {names}")
+        folder = self._folder / _FLIGHTS / f"{batch.number:04d}"
+        campaign = self._search.batch_campaign(batch)
+        result = self._engine.fly(campaign, folder)
+        if result.stopped is not None:
+            return result.stopped
+        plans = {plan.name: plan for plan in campaign.runs}
+        outcomes = tuple(
+            self._outcome(result.runs[name], plans[name], folder / name)
+            for name in map(_run_name, batch.flights)
+        )
+        self._ledger.finish(batch, outcomes, is_broken=result.is_broken)
+        return outcomes
+
+    def _outcome(self, result: RunResult, plan: RunPlan, folder: Path) -> FlightOutcome:
+        """Return the outcome of a flight for the search, with what its sensors had in view."""
+        outcome = self._search.objective.outcome(
+            verdict=result.verdict,
+            results=result.oracles,
+            vehicle=result.subject,
+            cause=(result.decided_by or result.bare_reason) if result.verdict == "FAIL" else "",
+            reason=_reason(result),
+            duration_s=result.duration_s or 0.0,
+            wall_s=result.wall_s,
+        )
+        return replace(outcome, sensed=sensed_views(plan, folder))
+
+    def _write(self, findings: Findings, ended: str) -> None:
+        """Write the campaign files of confirmed failures, and search.json."""
+        place = self._folder / FOLDER
+        for case in findings.confirmed:
+            place.mkdir(exist_ok=True)
+            path = place / f"{case.variant.name}.yaml"
+            write_whole(path, failure_text(self._search, case, place))
+            self._files[case.variant.name] = f"{FOLDER}/{path.name}"
+        document = search_document(
+            self._search, findings, ended=ended, files=self._files, at_once=self._ledger.at_once
+        )
+        write_whole(self._folder / FILE_NAME, to_json(document))
+
+
+def exit_code_of(findings: Findings, *, stopped: Stop | None, is_broken: bool) -> int:
+    """Return the exit code of a search; the first of 130, 4, 3, 1, 5, 0.
+
+    1: a failure is confirmed. 3: an internal error; or a failure is neither confirmed nor refuted,
+    or half of the variants or more have no PASS or FAIL. 5: nothing was flown.
+    """
+    if stopped is not None:
+        return _CODES[stopped]
+    if is_broken:
+        return 3
+    if findings.confirmed:
+        return 1
+    if not any(one.outcomes for one in findings.tried):
+        return 5
+    return 3 if findings.open_failures or not findings.is_proven else 0
+
+
+def _reason(result: RunResult) -> str:
+    """Return a flight's reason, the same whether or not the search was interrupted meanwhile."""
+    if result.verdict != "PASS":
+        return result.reason
+    return passed_text(ended_attempts(result.attempts))
+
+
+def _run_name(flight: Flight) -> str:
+    return f"{flight.variant.name}/{flight.mode}/{flight.repetition}"

@@ -1,0 +1,1 @@
+"""Statistics of flown campaigns: pass rates, the gap to reality, comparison, history."""

@@ -1,0 +1,176 @@
+"""`wil-campaign compare`: whether a case became worse since earlier flights."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.cli.text_table import table
+from wil_campaign.orchestrator.reading.errors import ResultsFolderError
+from wil_campaign.plugins.statistics.comparison.baseline import (
+    FlownSet,
+    read_baseline,
+    read_flown,
+)
+from wil_campaign.plugins.statistics.comparison.comparison import Comparison, Limits, cells_of
+from wil_campaign.plugins.statistics.comparison.comparison import compare as compare_flights
+from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
+from wil_campaign.plugins.statistics.comparison.settings import (
+    SettingsChanges,
+    firmware_changes_since,
+    settings_changes,
+)
+from wil_campaign.worlds.files.problems import printable
+
+_Share = Annotated[float, Parameter(validator=Number(gt=0.0, lt=1.0))]
+
+
+def compare(
+    before: Path,
+    after: Path,
+    *,
+    worse_by: Annotated[float, Parameter(validator=Number(gte=0.0, lte=1.0))] = 0.1,
+    margin_by: Annotated[float | None, Parameter(validator=Number(gt=0.0))] = None,
+    confidence: _Share = 0.95,
+    last: Annotated[int, Parameter(validator=Number(gte=1))] = 5,
+    removed: Annotated[bool, Parameter(negative=())] = False,
+    changed: Annotated[bool, Parameter(negative=())] = False,
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Compare two campaigns: exit code 1 when a case became worse beyond chance and size.
+
+    2: a folder has no campaign, or the campaigns share no case and mode. 3: something is damaged;
+    the judged campaign was stopped, failed outside of its runs, or does not record its end; a
+    control of it did not end as expected, so that its passes show nothing; a shared case, or a
+    larger share of its flights than before, proves nothing; AFTER lacks a case, an oracle or a
+    control of BEFORE and --removed is not given; or it was flown by other limits, worlds, files
+    or another firmware and --changed is not given.
+
+    Parameters
+    ----------
+    before
+        The results folder of a campaign, or a folder of several: then the last flights of the
+        campaign of AFTER that started before it are the baseline together.
+    after
+        The results folder of the campaign that is judged.
+    worse_by
+        The loss of pass rate that matters, from 0 to 1.
+    margin_by
+        The loss of an oracle's mean margin that matters, in its unit; without it margins are not
+        compared.
+    confidence
+        The confidence, of all tests together, that a reported loss is not chance.
+    last
+        How many results folders the baseline has, where `before` holds several.
+    removed
+        Accept that cases, oracles and controls of BEFORE are missing in AFTER.
+    changed
+        Accept that AFTER was flown by other limits, worlds, files, options or another firmware than
+        BEFORE. What differs is named either way; the autonomy, code, versions of this program and
+        parameters in the vehicle never count.
+    json_
+        Print one JSON document.
+    """
+    try:
+        judged = read_flown(after)
+        baseline = read_baseline(before, last=last, before=after)
+        limits = Limits(worse_by, margin_by, confidence)
+        found = compare_flights(cells_of(baseline.runs), cells_of(judged.runs), limits)
+        gone = tuple(one for one in baseline.controls if one not in judged.controls)
+        settings = _settings(baseline, judged)
+    except (ResultsFolderError, ComparisonError) as error:
+        err(printable(str(error)))
+        return 2
+    problems = [*baseline.problems, *judged.problems]
+    is_less = found.is_less or bool(gone or settings.removed)
+    as_text = _as_json if json_ else partial(_as_text, after=after)
+    out(as_text(found, baseline, gone=gone, settings=settings))
+    if is_less and not removed:
+        err(
+            "AFTER lacks cases, oracles, controls or settings of BEFORE; give --removed if that is "
+            "intended"
+        )
+    if settings.changed and not changed:
+        err("AFTER was flown by other settings than BEFORE; give --changed if that is intended")
+    for text in (*problems, *baseline.endings, *baseline.unmet, *judged.endings, *judged.unmet):
+        err(printable(text))
+    if problems or judged.endings or judged.unmet or found.unproven or found.fewer_proven:
+        return 3
+    if (is_less and not removed) or (settings.changed and not changed):
+        return 3
+    return 1 if found.worse else 0
+
+
+def _settings(baseline: FlownSet, judged: FlownSet) -> SettingsChanges:
+    """Return how the settings differ; nothing where a manifest cannot be read, a problem itself."""
+    (now,) = judged.manifests.values() or ({},)
+    firmware = firmware_changes_since(baseline.runs_by_folder, judged.runs)
+    return (settings_changes(baseline.manifests, now) if now else SettingsChanges()) + firmware
+
+
+def _as_text(
+    found: Comparison,
+    baseline: FlownSet,
+    *,
+    gone: Sequence[str],
+    settings: SettingsChanges,
+    after: Path,
+) -> str:
+    """Return the comparison as a table and sentences."""
+    head = ("case", "mode", "what", "before", "after", "flights", "p", "")
+    rows = [
+        (
+            one.case,
+            one.mode,
+            one.what,
+            _figure_text(one.before, one.unit, is_beyond=one.is_beyond[0]),
+            _figure_text(one.after, one.unit, is_beyond=one.is_beyond[1]),
+            f"{one.flights[0]} and {one.flights[1]}",
+            "-" if one.p is None else f"{one.p:.2g}",
+            f"{one.outcome}{f': {one.why}' if one.why else ''}",
+        )
+        for one in found.changes
+    ]
+    names = ", ".join(path.name for path in baseline.folders)
+    lines = [f"{after.name} against {names}", "", table(head, rows), ""]
+    lines += [f"same seed, other verdict: {text}" for text in found.flips]
+    lines += [f"proves nothing in one of them: {cell}" for cell in found.unproven]
+    lines += [f"more flights that prove nothing: {text}" for text in found.fewer_proven]
+    lines += [f"not flown any more: {cell}" for cell in found.only_before]
+    lines += [f"not judged any more: {text}" for text in found.removed_oracles]
+    lines += [f"control not flown any more: {text}" for text in gone]
+    lines += [f"not set any more: {text}" for text in settings.removed]
+    lines += [f"other settings: {text}" for text in settings.changed]
+    lines += [f"also changed: {text}" for text in settings.named]
+    lines += [f"not flown before: {cell}" for cell in found.only_after]
+    worse = [f"{one.case}/{one.mode} {one.what}" for one in found.worse]
+    undecided = sum(one.outcome == "undecided" for one in found.changes)
+    last = f"worse: {', '.join(worse)}" if worse else "nothing became worse beyond chance and size"
+    if undecided:
+        last += f"; {undecided} lost more than the limit, which may be chance: fly more"
+    return "\n".join(printable(line) if "\n" not in line else line for line in [*lines, last])
+
+
+def _figure_text(value: float, unit: str, *, is_beyond: bool) -> str:
+    """Return a figure with its unit; is_beyond: it is larger than the value."""
+    return f"{'> ' if is_beyond else ''}{value:.3g} {unit}".rstrip()
+
+
+def _as_json(
+    found: Comparison, baseline: FlownSet, *, gone: Sequence[str], settings: SettingsChanges
+) -> str:
+    """Return the comparison as JSON."""
+    document = {
+        "schema": "wil/comparison/1",
+        "baseline": [str(one) for one in baseline.folders],
+        **asdict(found),
+        "removed_controls": list(gone),
+        "settings": asdict(settings),
+    }
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)

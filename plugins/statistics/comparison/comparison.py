@@ -1,0 +1,287 @@
+"""Regression test of cases: worse beyond chance, and by more than a given size; pure."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from statistics import median
+from typing import Literal
+
+from wil_campaign.orchestrator.model.equal_runs import are_equal
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
+from wil_campaign.plugins.statistics.inference.exact_tests import Counts, fisher_exact
+from wil_campaign.plugins.statistics.inference.multiple_tests import holm
+from wil_campaign.plugins.statistics.inference.permutation_test import permutation_p
+from wil_campaign.plugins.statistics.pass_rates import distinct, is_proven
+from wil_campaign.safety.oracles.contact import margin_beyond
+
+Outcome = Literal["worse", "not worse", "undecided"]
+Cells = Mapping[tuple[str, str], Sequence[RunResult]]
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Losses that count as worse. pass_rate: from 0 to 1; margin: in the oracle's unit.
+
+    confidence: over all tests of a comparison together.
+    """
+
+    pass_rate: float = 0.1
+    margin: float | None = None
+    confidence: float = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One figure of a case and mode, before and after. what: "pass rate", or "margin of ORACLE".
+
+    before, after: pass rates, or median margins in `unit`; is_beyond: whether the median of each
+    side is known to be larger alone, as nothing came near. flights: their numbers, with a repeated
+    flight once. loss: positive is worse. p: one-sided, corrected for the number of tests; 0 where
+    equal runs of both sides differ, which chance cannot explain; None where untestable; `why` has
+    the reason.
+    """
+
+    case: str
+    mode: str
+    what: str
+    unit: str
+    before: float
+    after: float
+    flights: tuple[int, int]
+    loss: float
+    p: float | None
+    outcome: Outcome
+    why: str = ""
+    is_beyond: tuple[bool, bool] = (False, False)
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """The changes between two sets of flights, before and after.
+
+    only_before, only_after: cells as "case/mode" that the other does not have. unproven: cells
+    without a PASS or FAIL on one side. fewer_proven: cells with a larger share of INVALID, ERROR or
+    ABORTED flights than before, which rates and margins leave out; as texts. flips: runs whose
+    verdict changed under the same seed. removed_oracles: oracles that judged a shared cell before,
+    and are gone or only reported now; as texts.
+    """
+
+    changes: tuple[Change, ...]
+    only_before: tuple[str, ...] = ()
+    only_after: tuple[str, ...] = ()
+    unproven: tuple[str, ...] = ()
+    flips: tuple[str, ...] = ()
+    fewer_proven: tuple[str, ...] = ()
+    removed_oracles: tuple[str, ...] = ()
+
+    @property
+    def is_less(self) -> bool:
+        """Return whether less is judged now than before."""
+        return bool(self.only_before or self.removed_oracles)
+
+    @property
+    def worse(self) -> tuple[Change, ...]:
+        """Return what became worse."""
+        return tuple(one for one in self.changes if one.outcome == "worse")
+
+
+def cells_of(runs: Iterable[RunResult]) -> dict[tuple[str, str], list[RunResult]]:
+    """Return the runs by case and mode, controls left out."""
+    found: dict[tuple[str, str], list[RunResult]] = {}
+    for run in runs:
+        if run.control is None:
+            found.setdefault((run.case, run.mode), []).append(run)
+    return found
+
+
+def compare(before: Cells, after: Cells, limits: Limits) -> Comparison:
+    """Return how the flights after differ from those before. Raises ComparisonError."""
+    shared = [cell for cell in before if cell in after]
+    if not shared:
+        had, has = (
+            ", ".join("/".join(one) for one in each) or "nothing" for each in (before, after)
+        )
+        raise ComparisonError(f"the campaigns have no case and mode in common: {had}; and {has}")
+    changes: list[Change] = []
+    unproven: list[str] = []
+    fewer_proven: list[str] = []
+    for cell in shared:
+        old, new = ([run for run in each[cell] if is_proven(run)] for each in (before, after))
+        if old and new:
+            changes += _cell_changes(cell, old, new, limits)
+            fewer_proven += _fewer_proven(cell, before[cell], after[cell])
+        else:
+            unproven.append("/".join(cell))
+    return Comparison(
+        changes=tuple(_corrected(changes, limits)),
+        only_before=tuple("/".join(cell) for cell in before if cell not in after),
+        only_after=tuple("/".join(cell) for cell in after if cell not in before),
+        unproven=tuple(unproven),
+        flips=tuple(text for cell in shared for text in _flips(before[cell], after[cell])),
+        fewer_proven=tuple(fewer_proven),
+        removed_oracles=tuple(
+            text for cell in shared for text in _removed_oracles(cell, before[cell], after[cell])
+        ),
+    )
+
+
+def _removed_oracles(
+    cell: tuple[str, str], old: Sequence[RunResult], new: Sequence[RunResult]
+) -> list[str]:
+    """Return the oracles of a cell that no longer judge it, or are only reported now; as texts."""
+    had, has = _oracles(old), _oracles(new)
+    where = "/".join(cell)
+    found = [f"{where}: {name} of {vehicle}" for name, vehicle in had if (name, vehicle) not in has]
+    return found + [
+        f"{where}: {name} of {vehicle} is only reported now"
+        for (name, vehicle), is_required in had.items()
+        if is_required and has.get((name, vehicle)) is False
+    ]
+
+
+def _oracles(runs: Sequence[RunResult]) -> dict[tuple[str, str], bool]:
+    """Return the oracles of runs by name and vehicle, and whether each was required.
+
+    A run without a flight has none.
+    """
+    found: dict[tuple[str, str], bool] = {}
+    for one in (one for run in runs for one in run.oracles):
+        key = (one.name, one.vehicle)
+        found[key] = found.get(key, False) or one.required
+    return found
+
+
+def _fewer_proven(
+    cell: tuple[str, str], old: Sequence[RunResult], new: Sequence[RunResult]
+) -> list[str]:
+    """Return a text if a larger share of a cell's flights is unproven than before; else nothing."""
+    was, now = (sum(not is_proven(run) for run in runs) for runs in (old, new))
+    if now * len(old) <= was * len(new):
+        return []
+    return [f"{'/'.join(cell)}: {now} of {len(new)} flights, {was} of {len(old)} before"]
+
+
+def _cell_changes(
+    cell: tuple[str, str], old: Sequence[RunResult], new: Sequence[RunResult], limits: Limits
+) -> list[Change]:
+    """Return the changes of a case and mode, with uncorrected p."""
+    once = [distinct(runs) for runs in (old, new)]
+    counts = [Counts(sum(run.verdict == "PASS" for run in runs), len(runs)) for runs in once]
+    was, now = (one.passed / one.flown for one in counts)
+    flights = (len(once[0]), len(once[1]))
+    p, why = _testable(old, new, was != now)
+    if not why and p is None:
+        p = fisher_exact(counts[1], counts[0], "less")
+    what = "pass rate"
+    found = [Change(*cell, what, "", was, now, flights, was - now, p, "not worse", why)]
+    if limits.margin is None:
+        return found
+    margins = [_margins(runs) for runs in once]
+    for name, was_kept in margins[0].items():
+        is_kept = margins[1].get(name)
+        if is_kept is None or is_kept.unit != was_kept.unit:
+            continue
+        if was_kept.is_all_beyond and is_kept.is_all_beyond:
+            continue
+        values, other = was_kept.values, is_kept.values
+        p, why = _testable(old, new, set(values) != set(other))
+        if not why and p is None:
+            p = permutation_p(other, values)
+        found.append(
+            Change(
+                *cell,
+                what=f"margin of {name}",
+                unit=was_kept.unit,
+                before=median(values),
+                after=median(other),
+                flights=(len(values), len(other)),
+                loss=sum(values) / len(values) - sum(other) / len(other),
+                p=p,
+                outcome="not worse",
+                why=why,
+                is_beyond=(was_kept.is_median_beyond, is_kept.is_median_beyond),
+            )
+        )
+    return found
+
+
+def _testable(
+    old: Sequence[RunResult], new: Sequence[RunResult], differ: bool
+) -> tuple[float | None, str]:
+    """Return p, or why it is untestable, where the flights of a side are all equal."""
+    equal = [are_equal(runs) for runs in (old, new)]
+    if all(equal):
+        return (0.0 if differ else 1.0), ""
+    if any(equal):
+        return None, f"the flights {'before' if equal[0] else 'after'} are equal: one observation"
+    return None, ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Margins:
+    """The margins of an oracle, in `unit`: known ones, and what others exceed (beyond)."""
+
+    unit: str
+    known: list[float] = field(default_factory=list)
+    beyond: list[float] = field(default_factory=list)
+
+    @property
+    def values(self) -> list[float]:
+        """Return all margins; one that exceeds a value as that value."""
+        return self.known + self.beyond
+
+    @property
+    def is_all_beyond(self) -> bool:
+        """Return whether nothing came near in any flight."""
+        return not self.known
+
+    @property
+    def is_median_beyond(self) -> bool:
+        """Return whether the median margin is known to exceed a value alone."""
+        return 2 * len(self.beyond) >= len(self.values)
+
+
+def _margins(runs: Sequence[RunResult]) -> dict[str, _Margins]:
+    """Return the margins of each required oracle of the judged vehicle."""
+    found: dict[str, _Margins] = {}
+    for run in runs:
+        for one in run.oracles:
+            if not one.required or one.vehicle != run.subject:
+                continue
+            if one.margin is not None:
+                found.setdefault(one.name, _Margins(one.unit)).known.append(one.margin)
+            elif (beyond := margin_beyond(one)) is not None:
+                found.setdefault(one.name, _Margins(one.unit)).beyond.append(beyond)
+    return found
+
+
+def _corrected(changes: Sequence[Change], limits: Limits) -> list[Change]:
+    """Return the changes with p corrected for multiple tests, and their outcomes."""
+    tested = [one.p for one in changes if one.p is not None]
+    corrected = iter(holm(tested))
+    found = []
+    for one in changes:
+        p = None if one.p is None else next(corrected)
+        size = limits.pass_rate if one.what == "pass rate" else limits.margin or 0.0
+        large = one.loss > 0.0 and one.loss >= size - 1e-9
+        outcome: Outcome = "not worse"
+        if large and p is None:
+            outcome = "undecided"
+        elif large and p is not None:
+            outcome = "worse" if p <= 1.0 - limits.confidence else "undecided"
+        found.append(replace(one, p=p, outcome=outcome))
+    return found
+
+
+def _flips(old: Sequence[RunResult], new: Sequence[RunResult]) -> list[str]:
+    """Return runs whose verdict differs from the one that their seed always had before."""
+    by_seed: dict[int, set[str]] = {}
+    for run in old:
+        if is_proven(run):
+            by_seed.setdefault(run.seed, set()).add(run.verdict)
+    return [
+        f"{run.case}/{run.mode}/{run.rep}: {next(iter(had))} before, {run.verdict} now"
+        for run in new
+        if is_proven(run) and len(had := by_seed.get(run.seed, set())) == 1
+        if run.verdict not in had
+    ]

@@ -1,0 +1,94 @@
+"""Distances between all flights of one case by one measure; pure."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from wil_campaign.campaigns.statistics.proportions import Interval
+from wil_campaign.plugins.statistics.gap.measures import Measure
+from wil_campaign.plugins.statistics.gap.motion import RunMotion
+from wil_campaign.plugins.statistics.gap.trajectory_distances import IntArray
+from wil_campaign.worlds.jit import F64
+
+MODES = ("real", "sim", "wil")
+_RESOLUTION = 1e-9
+"""Smaller distances are rounding errors, and count as 0."""
+
+Flights = Mapping[tuple[str, str], Sequence[RunMotion]]
+"""Motions by case and mode."""
+
+
+@dataclass(frozen=True, slots=True)
+class CaseDistances:
+    """Distances of one case. seeds: of the flights of each mode, in the order of the rows.
+
+    sim, wil (real flights, flights of the mode): from reality to the mode. within: by mode, between
+    its flights, (flights, flights). None: not flown, or not recorded by all.
+    """
+
+    seeds: Mapping[str, IntArray]
+    sim: F64 | None
+    wil: F64 | None
+    within: Mapping[str, F64 | None]
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Return how many flights of real, sim and wil there are."""
+        real, sim, wil = (len(self.seeds[mode]) for mode in MODES)
+        return real, sim, wil
+
+    def mean_within(self, mode: str) -> float | None:
+        """Return the mean distance of two flights of a mode; None for fewer than two."""
+        found = self.within[mode]
+        if found is None or len(found) < 2:
+            return None
+        return float(found.sum() / (len(found) * (len(found) - 1)))
+
+
+def case_distances(flights: Flights, case: str, measure: Measure) -> CaseDistances:
+    """Return the distances of a case by a measure."""
+    given = {mode: tuple(flights.get((case, mode), ())) for mode in MODES}
+    return CaseDistances(
+        seeds={mode: np.array([one.seed for one in given[mode]], np.int64) for mode in MODES},
+        sim=_between(given["real"], given["sim"], measure),
+        wil=_between(given["real"], given["wil"], measure),
+        within={mode: _within(given[mode], measure) for mode in MODES},
+    )
+
+
+def _between(real: Sequence[RunMotion], other: Sequence[RunMotion], measure: Measure) -> F64 | None:
+    rows = [[measure.between(one, each) for each in other] for one in real]
+    if not real or not other or any(value is None for row in rows for value in row):
+        return None
+    return _rounded(np.array(rows, np.float64))
+
+
+def _within(motions: Sequence[RunMotion], measure: Measure) -> F64 | None:
+    found = np.zeros((len(motions), len(motions)))
+    for (i, one), (j, other) in combinations(enumerate(motions), 2):
+        distance = measure.between(one, other)
+        if distance is None:
+            return None
+        found[i, j] = found[j, i] = distance
+    return _rounded(found) if motions else None
+
+
+def _rounded(distances: F64) -> F64:
+    distances[distances < _RESOLUTION] = 0.0
+    return distances
+
+
+def mean_of_cases(values: Sequence[float | None]) -> float | None:
+    """Return the mean of one value per case; None where any is missing or not finite."""
+    known = [value for value in values if value is not None and math.isfinite(value)]
+    return sum(known) / len(known) if known and len(known) == len(values) else None
+
+
+def is_nearer(interval: Interval | None) -> bool | None:
+    """Return whether an interval is above 0; None where it contains 0, or without one."""
+    if interval is None:
+        return None
+    return True if interval.low > 0.0 else False if interval.high < 0.0 else None

@@ -1,0 +1,142 @@
+"""Energy distance of each mode to reality: the gap corrected for the spread of each mode; pure.
+
+The mean distance between flights of two modes is small where one of them has little spread, though
+its flights are not like the other's. The energy distance (Szekely and Rizzo 2013) corrects for it:
+twice the mean distance between two modes less the mean distances within both, 0 for modes that fly
+alike. Repetitions of one number have one seed in all modes, and so the same gusts and the same
+walk: pairs of flights of one seed are left out, as a flight is not compared with itself. The
+estimate is unbiased, so it may be slightly below 0.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wil_campaign.campaigns.statistics.proportions import Interval
+from wil_campaign.plugins.statistics.gap.distances import (
+    MODES,
+    CaseDistances,
+    is_nearer,
+    mean_of_cases,
+)
+from wil_campaign.plugins.statistics.gap.measures import Measure, Part
+from wil_campaign.plugins.statistics.gap.trajectory_distances import IntArray
+from wil_campaign.plugins.statistics.inference.bootstrap import Statistic, bootstrap_interval
+from wil_campaign.worlds.jit import F64
+
+_SEED = 20130830
+_LEAST_SEEDS = 3
+"""Seeds of a mode: half the resamples of two contain one flight twice, which is not a pair."""
+
+
+@dataclass(frozen=True, slots=True)
+class EnergyFigure:
+    """One measure of one case. within_*: mean distance of two flights of one mode.
+
+    sim, wil: energy distance of the mode to reality; None without two flights of each.
+    nearer_by: sim less wil. nearer_interval: by resampling seeds; None where flights are equal or
+    too few. holds: whether wil is nearer beyond chance; None where the interval contains 0, or
+    where there is none.
+    """
+
+    case: str
+    measure: str
+    part: Part
+    within_real: float | None
+    within_sim: float | None
+    within_wil: float | None
+    sim: float | None
+    wil: float | None
+    nearer_by: float | None
+    nearer_interval: Interval | None
+    holds: bool | None
+
+
+def energy_figure(case: str, measure: Measure, parts: Sequence[CaseDistances]) -> EnergyFigure:
+    """Return the figure over the parts: one case, or several with equal weights."""
+    within = {mode: mean_of_cases([one.mean_within(mode) for one in parts]) for mode in MODES}
+    sim, wil = (_observed(parts, mode) for mode in ("sim", "wil"))
+    nearer = interval = None
+    if sim is not None and wil is not None:
+        nearer = sim - wil
+        if min(len(set(seeds.tolist())) for one in parts for seeds in one.seeds.values()) >= (
+            _LEAST_SEEDS
+        ):
+            sizes = [len(_units(one)) for one in parts]
+            interval = bootstrap_interval(sizes, _nearer(parts), seed=_SEED)
+    return EnergyFigure(
+        case=case,
+        measure=measure.name,
+        part=measure.part,
+        within_real=within["real"],
+        within_sim=within["sim"],
+        within_wil=within["wil"],
+        sim=sim,
+        wil=wil,
+        nearer_by=nearer,
+        nearer_interval=interval,
+        holds=is_nearer(interval),
+    )
+
+
+def _observed(parts: Sequence[CaseDistances], mode: str) -> float | None:
+    """Return the energy distance of a mode to reality, mean over the parts."""
+    found = []
+    for one in parts:
+        energy = _energy(one, mode, {of: np.ones((1, len(one.seeds[of]))) for of in MODES})
+        found.append(None if energy is None else float(energy[0]))
+    return mean_of_cases(found)
+
+
+def _energy(one: CaseDistances, mode: str, weights: Mapping[str, F64]) -> F64 | None:
+    """Return the energy distance for each row of weights of real and of the mode.
+
+    NaN without a pair. None where the mode was not flown or did not record the measure.
+    """
+    between = one.sim if mode == "sim" else one.wil
+    real, own = one.within["real"], one.within[mode]
+    if between is None or real is None or own is None:
+        return None
+    mine, theirs = (one.seeds["real"], weights["real"]), (one.seeds[mode], weights[mode])
+    apart = _pair_mean(between, mine, theirs)
+    return 2.0 * apart - _pair_mean(real, mine, mine) - _pair_mean(own, theirs, theirs)
+
+
+def _pair_mean(distances: F64, rows: tuple[IntArray, F64], columns: tuple[IntArray, F64]) -> F64:
+    """Return the weighted mean over pairs of different seeds; NaN without any.
+
+    rows, columns: seeds (flights,) and weights (resamples, flights) of both sides.
+    """
+    (seeds, weights), (others, more) = rows, columns
+    is_pair = (seeds[:, None] != others[None, :]).astype(np.float64)
+    total = np.sum((weights @ (distances * is_pair)) * more, axis=1)
+    count = np.sum((weights @ is_pair) * more, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found: F64 = total / count
+    return found
+
+
+def _units(one: CaseDistances) -> IntArray:
+    """Return the seeds of a case, which the bootstrap resamples."""
+    return np.unique(np.concatenate([one.seeds[mode] for mode in MODES]))
+
+
+def _nearer(parts: Sequence[CaseDistances]) -> Statistic:
+    """Return by how much wil is nearer, for weights of the seeds of each part."""
+    places = [
+        {mode: np.searchsorted(_units(one), one.seeds[mode]) for mode in MODES} for one in parts
+    ]
+
+    def statistic(weights: Sequence[F64]) -> F64:
+        found = []
+        for one, place, drawn in zip(parts, places, weights, strict=True):
+            by_mode = {mode: drawn[:, place[mode]] for mode in MODES}
+            sim, wil = _energy(one, "sim", by_mode), _energy(one, "wil", by_mode)
+            if sim is None or wil is None:
+                raise ValueError("a mode without distances has no energy distance")
+            found.append(sim - wil)
+        mean: F64 = np.mean(found, axis=0)
+        return mean
+
+    return statistic

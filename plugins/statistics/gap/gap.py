@@ -1,0 +1,170 @@
+"""The gap to reality: by how much `wil` is nearer to it than `sim` is; pure.
+
+diff(B(S), B(Sm)) < diff(B(S), B(Sv)): each diff is the mean distance over all pairs of a flight of
+reality and one of the other mode. Intervals resample flights, never pairs: a pair shares its
+flights with others.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wil_campaign.campaigns.statistics.proportions import Interval
+from wil_campaign.plugins.statistics.gap.distances import (
+    CaseDistances,
+    Flights,
+    case_distances,
+    is_nearer,
+    mean_of_cases,
+)
+from wil_campaign.plugins.statistics.gap.energy import EnergyFigure, energy_figure
+from wil_campaign.plugins.statistics.gap.measures import MEASURES, Measure, Part
+from wil_campaign.plugins.statistics.inference.bootstrap import Statistic, bootstrap_interval
+from wil_campaign.worlds.jit import F64
+
+ALL_CASES = "all cases"
+_SEED = 20210530
+
+
+@dataclass(frozen=True, slots=True)
+class GapFigure:
+    """One measure of one case. real_to_*: mean distance; real_to_real: the spread of reality.
+
+    closed_percent: how much of the gap of `sim` is closed in `wil`: 100 for all, negative where it
+    is wider. nearer_by: real_to_sim less real_to_wil. The intervals are None where flights are
+    equal or single; `basis` has the reason. holds: whether wil is nearer beyond chance; None where
+    the interval of nearer_by contains 0, or without one.
+    """
+
+    case: str
+    measure: str
+    part: Part
+    text: str
+    real_to_sim: float | None
+    real_to_wil: float | None
+    real_to_real: float | None
+    closed_percent: float | None
+    closed_interval: Interval | None
+    nearer_by: float | None
+    nearer_interval: Interval | None
+    holds: bool | None
+    basis: str
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """The gap of a campaign. flights: their number by case and mode, as "small/wil".
+
+    energies: the same figures as energy distances. left_out: runs that could not be compared, and
+    why.
+    """
+
+    figures: tuple[GapFigure, ...] = ()
+    energies: tuple[EnergyFigure, ...] = ()
+    flights: Mapping[str, int] | None = None
+    left_out: tuple[str, ...] = ()
+
+
+def measure_gap(flights: Flights, left_out: Iterable[str] = ()) -> Gap:
+    """Return the gap of each case with reality and another mode, and of all complete cases."""
+    cases = [
+        case
+        for case in dict.fromkeys(case for case, _ in flights)
+        if flights.get((case, "real")) and any(flights.get((case, m)) for m in ("sim", "wil"))
+    ]
+    figures: list[GapFigure] = []
+    energies: list[EnergyFigure] = []
+    complete: dict[str, list[CaseDistances]] = {}
+    for case in cases:
+        for measure in MEASURES:
+            distances = case_distances(flights, case, measure)
+            figures.append(_figure(case, measure, [distances]))
+            energies.append(energy_figure(case, measure, [distances]))
+            if distances.sim is not None and distances.wil is not None:
+                complete.setdefault(measure.name, []).append(distances)
+    for measure in MEASURES:
+        if len(found := complete.get(measure.name, [])) > 1:
+            figures.append(_figure(ALL_CASES, measure, found))
+            energies.append(energy_figure(ALL_CASES, measure, found))
+    counts = {f"{case}/{mode}": len(motions) for (case, mode), motions in flights.items()}
+    return Gap(tuple(figures), tuple(energies), counts, tuple(left_out))
+
+
+def _figure(case: str, measure: Measure, parts: Sequence[CaseDistances]) -> GapFigure:
+    """Return the figure over the parts: one case, or several with equal weights."""
+    sim = mean_of_cases([None if one.sim is None else float(one.sim.mean()) for one in parts])
+    wil = mean_of_cases([None if one.wil is None else float(one.wil.mean()) for one in parts])
+    closed = nearer = None
+    closed_interval = nearer_interval = None
+    if sim is not None and wil is not None:
+        nearer = sim - wil
+        closed = 100.0 * (1.0 - wil / sim) if sim > 0.0 else None
+        sizes = [size for one in parts for size in one.sizes]
+        nearer_interval = bootstrap_interval(sizes, _nearer(parts), seed=_SEED)
+        if nearer_interval is not None and closed is not None:
+            closed_interval = bootstrap_interval(sizes, _closed(parts), seed=_SEED)
+    return GapFigure(
+        case=case,
+        measure=measure.name,
+        part=measure.part,
+        text=measure.text,
+        real_to_sim=sim,
+        real_to_wil=wil,
+        real_to_real=mean_of_cases([one.mean_within("real") for one in parts]),
+        closed_percent=closed,
+        closed_interval=closed_interval,
+        nearer_by=nearer,
+        nearer_interval=nearer_interval,
+        holds=is_nearer(nearer_interval),
+        basis=_basis(parts, nearer, nearer_interval),
+    )
+
+
+def _basis(parts: Sequence[CaseDistances], nearer: float | None, interval: Interval | None) -> str:
+    """Return the number of flights behind a figure, and why it has no interval."""
+    real, sim, wil = (sum(one.sizes[place] for one in parts) for place in range(3))
+    counted = f"{real} real, {sim} sim, {wil} wil"
+    if nearer is None:
+        return f"{counted}; not all recorded the measure" if sim and wil else counted
+    if interval is not None:
+        return counted
+    single = all(size == 1 for one in parts for size in one.sizes)
+    why = "one flight of each mode" if single else "equal flights: deterministic, no spread"
+    return f"{counted}; {why}"
+
+
+def _means(parts: Sequence[CaseDistances], weights: Sequence[F64]) -> tuple[F64, F64]:
+    """Return for each resample the mean distances from reality to sim and to wil."""
+    sims, wils = [], []
+    for index, one in enumerate(parts):
+        real, sim, wil = weights[3 * index : 3 * index + 3]
+        sims.append(_weighted_mean(real, one.sim, sim))
+        wils.append(_weighted_mean(real, one.wil, wil))
+    return np.mean(sims, axis=0), np.mean(wils, axis=0)
+
+
+def _weighted_mean(real: F64, distances: F64 | None, other: F64) -> F64:
+    """Return the mean of distances (real, other) for each row of weights of both."""
+    if distances is None:
+        raise ValueError("a mode without distances has no mean")
+    found: F64 = np.sum((real @ distances) * other, axis=1)
+    return found
+
+
+def _nearer(parts: Sequence[CaseDistances]) -> Statistic:
+    def statistic(weights: Sequence[F64]) -> F64:
+        sim, wil = _means(parts, weights)
+        return sim - wil
+
+    return statistic
+
+
+def _closed(parts: Sequence[CaseDistances]) -> Statistic:
+    def statistic(weights: Sequence[F64]) -> F64:
+        sim, wil = _means(parts, weights)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found: F64 = 100.0 * (1.0 - wil / sim)
+        return found
+
+    return statistic

@@ -1,0 +1,190 @@
+"""The history file: one JSON line per flight, taken from results folders.
+
+The file is appended to and outlives the folders: a CI job keeps it instead of the recordings. The
+last line of a flight counts: its campaign may have been resumed, and the flight flown again.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+
+from wil_campaign.orchestrator.model.flown_firmware import FlownFirmware
+from wil_campaign.orchestrator.model.results import RunResult, tightest_oracle
+from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
+from wil_campaign.plugins.statistics.comparison.settings import settings_of
+
+_MOST_BYTES = 256 * 1024 * 1024
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightRecord:
+    """One flight of the history.
+
+    inputs: a digest of all files read, of the versions and of the firmware; a flight with the same
+    seed and inputs is a repetition. settings: a digest of those of its campaign's test, without the
+    subject; empty in lines of earlier versions. firmware: of the vehicles, in words; empty in those
+    too. margin: the smallest of the judged vehicle's required oracles in metres (else in any unit),
+    None without one. ending: why its campaign ended early, else empty; None where that was not
+    recorded. host: the name of the machine; empty in lines of earlier versions.
+    """
+
+    campaign: str
+    started_utc: str
+    clock: str
+    version: str
+    case: str
+    mode: str
+    rep: str
+    seed: int
+    inputs: str
+    verdict: str
+    margin: float | None
+    duration_s: float | None
+    ending: str | None = None
+    host: str = ""
+    settings: str = ""
+    firmware: str = ""
+
+
+@cache
+def _record_model() -> TypeAdapter[FlightRecord]:
+    return TypeAdapter(FlightRecord)
+
+
+class HistoryFileError(Exception):
+    """A history file cannot be read or written; the message says which and why."""
+
+
+def records_of(campaign: CampaignDocuments) -> Iterator[FlightRecord]:
+    """Yield the flights of a results folder; controls and runs without a result are left out."""
+    manifest = campaign.manifest
+    versions = manifest.get("versions")
+    version = versions.get("wil-campaign") if isinstance(versions, dict) else None
+    host = manifest.get("host")
+    machine = host.get("name") if isinstance(host, dict) else None
+    for entry in campaign.entries:
+        if entry.result is None or entry.result.control is not None:
+            continue
+        yield FlightRecord(
+            campaign=campaign.name,
+            started_utc=str(manifest.get("started_utc") or campaign.folder),
+            clock=str(manifest.get("clock") or "unknown"),
+            version=str(version or "unknown"),
+            case=entry.case,
+            mode=entry.mode,
+            rep=entry.rep,
+            seed=entry.result.seed,
+            inputs=_inputs(campaign, entry),
+            settings=_digest(settings_of(manifest)),
+            verdict=entry.result.verdict,
+            margin=_smallest_margin(entry.result),
+            duration_s=entry.result.duration_s,
+            ending=None if campaign.summary is None else campaign.summary.ending,
+            host=str(machine or ""),
+            firmware=_firmware_text(entry.result),
+        )
+
+
+def read_records(path: Path) -> list[FlightRecord]:
+    """Return the lines of a history file as flights (see `latest`); empty without the file.
+
+    Raises HistoryFileError, with the line.
+    """
+    try:
+        if not path.exists():
+            return []
+        if path.stat().st_size > _MOST_BYTES:
+            raise HistoryFileError(f"{path} is larger than {_MOST_BYTES} bytes")
+        lines = path.read_text("utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise HistoryFileError(f"{path} cannot be read: {error}") from error
+    found = []
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        try:
+            found.append(_record_model().validate_json(line))
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = ".".join(map(str, first["loc"]))
+            raise HistoryFileError(
+                f"{path}:{number} is damaged, or not a history line: {where} {first['msg']}"
+            ) from error
+    return found
+
+
+def append_records(path: Path, records: Iterable[FlightRecord]) -> None:
+    """Append flights to a history file. Raises HistoryFileError."""
+    try:
+        with path.open("a", encoding="utf-8") as stream:
+            stream.writelines(json.dumps(asdict(one)) + "\n" for one in records)
+    except OSError as error:
+        raise HistoryFileError(f"{path} cannot be written: {error.strerror or error}") from error
+
+
+def latest(records: Iterable[FlightRecord]) -> list[FlightRecord]:
+    """Return the last record of each flight, in the order of these."""
+    found: dict[tuple[str, ...], FlightRecord] = {}
+    for one in records:
+        # A line of an earlier version has no host: this is the same flight.
+        found.pop(_flight_key(replace(one, host="")), None)
+        found.pop(_flight_key(one), None)
+        found[_flight_key(one)] = one
+    return list(found.values())
+
+
+def _flight_key(one: FlightRecord) -> tuple[str, ...]:
+    """Return the key that identifies a flight: two machines may start in the same second."""
+    return (one.campaign, one.started_utc, one.host, one.case, one.mode, one.rep)
+
+
+def _inputs(campaign: CampaignDocuments, entry: RunEntry) -> str:
+    """Return the digest of a run's documents, all files of the campaign, and all versions."""
+    manifest = campaign.manifest
+    host = manifest.get("host")
+    machine = host.get("machine") if isinstance(host, dict) else None
+    own = _documents(campaign, entry)
+    read = [own, manifest.get("files"), manifest.get("versions"), machine, manifest.get("clock")]
+    firmware = () if entry.result is None else entry.result.firmware
+    # A result of an earlier version has none: its digest stays what a history file has.
+    return _digest([*read, *map(_firmware_inputs, firmware)])
+
+
+def _firmware_inputs(one: FlownFirmware) -> list[object]:
+    """Return what of a vehicle's firmware are inputs of a flight."""
+    return [one.vehicle, *one.kind, one.parameters, one.unit]
+
+
+def _firmware_text(run: RunResult) -> str:
+    """Return the firmware of a run's vehicles in words, without their units."""
+    return "; ".join(
+        f"{one.vehicle}: {one.release}, {one.board}, {one.frame}" for one in run.firmware
+    )
+
+
+def _documents(campaign: CampaignDocuments, entry: RunEntry) -> list[object]:
+    """Return the digest of a run's documents, as its manifest has it."""
+    runs = campaign.manifest.get("runs")
+    return [
+        run.get("documents")
+        for run in (runs if isinstance(runs, list) else ())
+        if isinstance(run, dict) and run.get("run") == entry.name
+    ]
+
+
+def _digest(read: object) -> str:
+    """Return a short digest of plain values."""
+    text = json.dumps(read, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()[:16]
+
+
+def _smallest_margin(run: RunResult) -> float | None:
+    """Return the smallest margin in metres, which flights can be compared by, or else of all."""
+    in_metres = tuple(one for one in run.oracles if one.unit == "m")
+    tightest = tightest_oracle(replace(run, oracles=in_metres)) or tightest_oracle(run)
+    return None if tightest is None else tightest.margin

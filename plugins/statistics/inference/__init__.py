@@ -1,0 +1,1 @@
+"""Statistics in general: exact tests, correction for several tests, intervals by resampling."""

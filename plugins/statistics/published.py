@@ -1,0 +1,29 @@
+"""Published counts that a campaign file quotes, to be shown beside its own; pure."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from wil_campaign.worlds.files.documents import Data
+
+
+@dataclass(frozen=True, slots=True)
+class Published:
+    """Published counts. source: the publication. passed: by case and mode, "1/5" or a text."""
+
+    source: str = ""
+    passed: Mapping[tuple[str, str], str] = field(default_factory=dict)
+
+
+def published_of(document: Data) -> Published:
+    """Return the published counts in a campaign file as flown; none where it has none."""
+    part = document.get("published") if isinstance(document, dict) else None
+    cases = part.get("passed") if isinstance(part, dict) else None
+    if not isinstance(part, dict) or not isinstance(cases, dict):
+        return Published()
+    passed = {
+        (str(case), str(mode)): str(text)
+        for case, modes in cases.items()
+        if isinstance(modes, dict)
+        for mode, text in modes.items()
+    }
+    return Published(str(part.get("source", "")), passed)

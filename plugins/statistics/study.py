@@ -1,0 +1,61 @@
+"""The statistics of a campaign: pass rates, tests between modes, agreement, the gap."""
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Self
+
+from wil_campaign.orchestrator.model.document_writer import to_json
+from wil_campaign.orchestrator.reading.model import CampaignDocuments
+from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.plugins.statistics.gap.campaign_gap import read_gap
+from wil_campaign.plugins.statistics.gap.gap import Gap
+from wil_campaign.plugins.statistics.pass_rates import PassRates, pass_rates
+from wil_campaign.plugins.statistics.published import Published, published_of
+
+SCHEMA = "wil/statistics/1"
+FILE_NAME = "statistics.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """The statistics of one campaign. published: counts of another source, shown beside."""
+
+    rates: PassRates
+    gap: Gap
+    published: Published = field(default_factory=Published)
+
+    @classmethod
+    def read(cls, folder: Path, campaign: CampaignDocuments | None = None) -> Self:
+        """Return the statistics of a results folder. campaign: its documents, if read already.
+
+        Raises ResultsFolderError.
+        """
+        documents = read_campaign(folder) if campaign is None else campaign
+        runs = [entry.result for entry in documents.entries if entry.result is not None]
+        published = published_of(documents.manifest.get("document"))
+        return cls(pass_rates(runs), read_gap(folder, documents.entries), published)
+
+
+def study_json(campaign: CampaignDocuments, study: Study) -> str:
+    """Return the statistics of a campaign as the text of statistics.json."""
+    return to_json(
+        {
+            "schema": SCHEMA,
+            "campaign": campaign.name,
+            "folder": campaign.folder,
+            "pass_rates": [asdict(one) for one in study.rates.rates],
+            "tests": [asdict(one) for one in study.rates.tests],
+            "agreement": [asdict(one) for one in study.rates.agreement],
+            "gap": [asdict(one) for one in study.gap.figures],
+            "gap_energy": [asdict(one) for one in study.gap.energies],
+            "flights": dict(study.gap.flights or {}),
+            "left_out": list(study.gap.left_out),
+            "published": {
+                "source": study.published.source,
+                "passed": [
+                    {"case": case, "mode": mode, "passed": text}
+                    for (case, mode), text in study.published.passed.items()
+                ],
+            },
+        }
+    )

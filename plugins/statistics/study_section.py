@@ -1,0 +1,51 @@
+"""The statistics in a campaign's report: the comparison of its modes, and statistics.json."""
+
+from pathlib import Path
+
+from wil_campaign.hooks import Section
+from wil_campaign.orchestrator.reading.model import CampaignDocuments
+from wil_campaign.orchestrator.report.rendering.overview import stand_in
+from wil_campaign.orchestrator.report.rendering.page_parts import environment
+from wil_campaign.plugins.statistics.conclusions import conclusions
+from wil_campaign.plugins.statistics.gap.gap import Gap
+from wil_campaign.plugins.statistics.pass_rates import PassRates
+from wil_campaign.plugins.statistics.study import FILE_NAME, Study, study_json
+from wil_campaign.plugins.statistics.study_tables import (
+    energy_rows,
+    gap_rows,
+    has_modes_to_compare,
+    result_rows,
+    statements,
+)
+from wil_campaign.plugins.statistics.study_text import study_text
+
+
+def study_section(folder: Path, campaign: CampaignDocuments) -> Section:
+    """Return the statistics of a results folder as a section of its report."""
+    study = _study(folder, campaign)
+    return Section(
+        html=_html(campaign, study),
+        problems=study.gap.left_out,
+        files={FILE_NAME: study_json(campaign, study)},
+        text=study_text(study) if has_modes_to_compare(study) else "",
+    )
+
+
+def _study(folder: Path, campaign: CampaignDocuments) -> Study:
+    try:
+        return Study.read(folder, campaign)
+    except Exception as error:  # noqa: BLE001 - a damaged file may raise anything
+        why = f"the gap cannot be measured: {type(error).__name__}: {error}"
+        return Study(PassRates((), (), ()), Gap(left_out=(why,)))
+
+
+def _html(campaign: CampaignDocuments, study: Study) -> str:
+    template = environment("wil_campaign.plugins.statistics").get_template("study.html.j2")
+    return template.render(
+        results=result_rows(study),
+        gap=gap_rows(study),
+        energies=energy_rows(study),
+        statements=statements(study),
+        conclusions=conclusions(study),
+        stand_in=stand_in(campaign),
+    )

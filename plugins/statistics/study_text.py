@@ -1,0 +1,29 @@
+"""The statistics of a campaign as text: tables, and the sentences beneath them."""
+
+from wil_campaign.orchestrator.cli.text_table import table
+from wil_campaign.plugins.statistics.conclusions import conclusions
+from wil_campaign.plugins.statistics.study import Study
+from wil_campaign.plugins.statistics.study_tables import (
+    Rows,
+    energy_rows,
+    gap_rows,
+    result_rows,
+    statements,
+)
+from wil_campaign.worlds.files.problems import printable
+
+
+def study_text(study: Study) -> str:
+    """Return the conclusions, then the tables of results and of the gap, and the tests."""
+    lines = [printable(f"{one.kind}: {one.text}") for one in conclusions(study)]
+    parts = ["\n".join(lines), _text(result_rows(study))]
+    if study.gap.figures:
+        parts.append(_text(gap_rows(study)))
+    if (energies := energy_rows(study)).rows:
+        parts.append(f"with the spread of each mode taken into account:\n\n{_text(energies)}")
+    parts.append("\n".join(printable(text) for text in statements(study)))
+    return "\n\n".join(part for part in parts if part)
+
+
+def _text(rows: Rows) -> str:
+    return table(rows.head, rows.rows)

@@ -1,0 +1,65 @@
+"""The deciding part of an STL formula, with its values in its own unit."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from wil_campaign.plugins.stl.arithmetic import difference_of, limit_side, value_of, written
+from wil_campaign.plugins.stl.formula import Comparison, Term
+from wil_campaign.plugins.stl.robustness import Occurrence
+from wil_campaign.plugins.stl.steps import Values
+from wil_campaign.plugins.stl.units import SignalKind, unit_text
+from wil_campaign.worlds.figures import distinct_text
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The deciding part of a formula: a comparison or a boolean signal at the deciding sample.
+
+    text: the condition that should hold, as formula text. margin: by how much it holds, negative
+    where it is violated. actual, limit, margin: None for a boolean signal.
+    """
+
+    text: str
+    actual: float | None = None
+    limit: float | None = None
+    unit: str = ""
+    margin: float | None = None
+
+    @property
+    def violation(self) -> str:
+        """Return the deciding part's violation as a sentence."""
+        if self.actual is None or self.limit is None:
+            return f"{self.text} is violated"
+        actual = distinct_text(self.actual, self.limit, digits=3)
+        values = f"{actual} {self.unit} against {self.limit:g} {self.unit}"
+        return f"{self.text} is violated: {' '.join(values.split())}"
+
+
+def part_of(
+    by: Occurrence, index: int, signals: Mapping[str, Values], kinds: Mapping[str, SignalKind]
+) -> Part:
+    """Return the part of a formula that decides at a sample."""
+    atom = by.atom
+    text = written(atom, positive=by.positive)
+    if not isinstance(atom, Comparison):
+        return Part(text)
+    measured, limit = limit_side(atom)
+    margin = _at(difference_of(atom, signals), index)
+    return Part(
+        text=text,
+        actual=_at(value_of(measured, signals), index),
+        limit=_at(value_of(limit, signals), index),
+        unit=unit_of_either(measured, limit, kinds),
+        # Adding 0 turns -0 into 0.
+        margin=(margin if by.positive else -margin) + 0.0,
+    )
+
+
+def unit_of_either(one: Term, other: Term, kinds: Mapping[str, SignalKind]) -> str:
+    """Return the unit of a deciding comparison; a bare number has the other side's."""
+    return unit_text(one, kinds) or unit_text(other, kinds)
+
+
+def _at(values: Values, index: int) -> float:
+    """Return a signal's value at the deciding sample."""
+    return float(values if values.ndim == 0 else values[index])

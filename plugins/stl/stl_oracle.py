@@ -1,0 +1,246 @@
+"""The oracle of an STL formula over the signals of a run; its margin is the robustness."""
+
+import re
+from collections.abc import Collection, Iterator
+from typing import Annotated, ClassVar
+
+from pydantic import Field
+
+from wil_campaign.plugins.stl.arithmetic import written
+from wil_campaign.plugins.stl.deciding import part_of
+from wil_campaign.plugins.stl.formula import Formula, StlError, first_needed_s, names_of
+from wil_campaign.plugins.stl.monitor import Robustness, StlMonitor
+from wil_campaign.plugins.stl.parser import parse_stl
+from wil_campaign.plugins.stl.robustness import Unevaluable
+from wil_campaign.plugins.stl.stl_limits import limits_of_formula
+from wil_campaign.plugins.stl.stl_signals import (
+    TWIN_DISTANCE_NAME,
+    FenceMargin,
+    PairDistance,
+    Signal,
+    motion_of,
+    reports_of,
+    signal_docs,
+    signals_of,
+)
+from wil_campaign.plugins.stl.stl_trace import Trace
+from wil_campaign.plugins.stl.units import has_several_units, require_sound
+from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.safety.model.samples import (
+    FenceSample,
+    LinkSample,
+    PoseSample,
+    StageSample,
+    StateSample,
+)
+from wil_campaign.safety.model.signals import distance_name
+from wil_campaign.safety.oracles.oracle import (
+    NO_FLAGS,
+    Flags,
+    Oracle,
+    OracleContext,
+    OracleError,
+    OwnKey,
+    Terms,
+    Windowed,
+    oracle,
+)
+from wil_campaign.safety.oracles.oracle_terms import ON_GOAL, Stages
+
+_CHECK_EVERY_S = 1.0
+"""How often a formula with fail_fast is evaluated in flight."""
+
+
+class StlParameters(Windowed):
+    """stl: the formula; its times count from the stage that opens the window."""
+
+    stl: Annotated[
+        str, Field(description='the formula, such as "always[0,30] (clearance_m >= 0.1)"')
+    ]
+
+
+class Stl(Oracle):
+    """The oracle of an STL formula from the stage that opens its window on.
+
+    actual, limit, unit, margin, at_s: of the comparison that decides; a margin of 0 of a strict
+    comparison fails. INVALID where a signal has no value when the formula needs it.
+    """
+
+    is_costly: ClassVar[bool] = True
+
+    def __init__(self, terms: Terms, *, text: str, context: OracleContext) -> None:
+        super().__init__(terms)
+        self._formula, self._signals = _read_formula(terms, text, context, self.stages)
+        self._kinds = {name: signal.kind for name, signal in self._signals.items()}
+        names = tuple(dict.fromkeys(name.name for name in names_of(self._formula)))
+        self._used = {name: self._signals[name] for name in names}
+        self.reports = reports_of(names)
+        self.motion = motion_of(names)
+        self._trace = Trace(names)
+        mixed = has_several_units(self._formula, self._kinds)
+        self._monitor = StlMonitor(self._formula, mixed=mixed)
+        self._pair_distance = PairDistance()
+        self._last_sample_s: float | None = None
+        self._next_check_s = 0.0
+        self._flagged = False
+
+    @property
+    def watches(self) -> tuple[str, ...]:
+        """Return both vehicles where the STL formula has the distance between them."""
+        both = any(signal.of_both for signal in self._used.values())
+        return ("real", "twin") if both else (self.vehicle,)
+
+    def on_pose(self, sample: PoseSample) -> Flags:
+        """Record a pose of either vehicle for the formula; one of the judged vehicle adds a row."""
+        pair_distance_m = self._pair_distance.take(sample)
+        if sample.vehicle != self.vehicle:
+            return NO_FLAGS
+        for name, signal in self._used.items():
+            if signal.of_pose is not None:
+                self._trace.note(name, signal.of_pose(sample))
+            elif signal.of_both:
+                self._trace.note(name, pair_distance_m)
+        if self.stages.covers(sample.t_s):
+            self._add_row(sample.t_s)
+        return NO_FLAGS
+
+    def on_state(self, sample: StateSample) -> Flags:
+        """Record a state for the formula: a row as well, for formulas without poses."""
+        if sample.vehicle != self.vehicle:
+            return NO_FLAGS
+        for name, signal in self._used.items():
+            if signal.of_state is not None:
+                self._trace.note(name, signal.of_state(sample))
+        if self.stages.open:
+            self._add_row(sample.t_s)
+        return NO_FLAGS
+
+    def on_received(self, sample: LinkSample) -> Flags:
+        """Record a sign of life for the STL formula."""
+        if sample.vehicle == self.vehicle:
+            self._last_sample_s = sample.t_s
+        return NO_FLAGS
+
+    def on_stage(self, sample: StageSample) -> Flags:
+        """Record a stage: the formula's window begins with the values known when it opens."""
+        opened = not self.stages.open
+        flags = super().on_stage(sample)
+        if opened and self.stages.open:
+            self._add_row(sample.t_s)
+        return flags
+
+    def on_fence(self, sample: FenceSample) -> Flags:
+        """Record the vehicle's changed fence for the STL formula."""
+        for signal in self._used.values():
+            if sample.vehicle == self.vehicle and isinstance(signal.of_pose, FenceMargin):
+                signal.of_pose.fence = sample.fence
+        return NO_FLAGS
+
+    def on_tick(self, t_s: float) -> Flags:
+        """Check whether the STL formula can still hold, if it is to fail fast."""
+        due = self.terms.fail_fast and not self._flagged and t_s >= self._next_check_s
+        if not due or not self.stages.open or not self._trace.times_s:
+            return NO_FLAGS
+        self._next_check_s = t_s + _CHECK_EVERY_S
+        times_s, values = self._trace.times_s, self._trace.values()
+        best = self._monitor.at_best(times_s, values, t_s)
+        if isinstance(best, Unevaluable) or best.value >= 0.0:
+            return NO_FLAGS
+        self._flagged = True
+        text = f"{self.vehicle}: {self.name} cannot be satisfied any more"
+        if best.decided_by is not None:
+            text += f": {part_of(best.decided_by, best.index, values, self._kinds).violation}"
+        return self.flag(t_s, text)
+
+    def result(self, t_s: float) -> OracleResult:
+        """Return the STL formula's robustness over the recorded window."""
+        found = self.evaluated(t_s)
+        if isinstance(found, Unevaluable):
+            return self.invalid(str(found), at_s=found.at_s)
+        if found.decided_by is None:
+            return self.verdict(passed=found.holds)
+        times_s, values = self._trace.times_s, self._trace.values()
+        part = part_of(found.decided_by, found.index, values, self._kinds)
+        # A failure has the time from which on it was certain, not that of the deciding sample.
+        at_s = times_s[found.index] if found.holds else self._monitor.lost_s(times_s, values)
+        return self.verdict(
+            passed=found.holds,
+            actual=part.actual,
+            limit=part.limit,
+            unit=part.unit,
+            margin=part.margin,
+            at_s=at_s,
+            detail="" if found.holds else part.violation,
+        )
+
+    def evaluated(self, t_s: float) -> Robustness | Unevaluable:
+        """Return the STL robustness as of t_s, or why it cannot be evaluated."""
+        if not self._trace.times_s:
+            return Unevaluable("the formula", None, "was not evaluated: its window never began")
+        end_s = self.stages.end_s if self.stages.end_s is not None else t_s
+        begin_s = self._trace.times_s[0]
+        for atom, needed_s in first_needed_s(self._formula):
+            if begin_s + needed_s > end_s:
+                # Its last value would decide for a time that was not observed.
+                reason = f"is needed from {begin_s + needed_s:.3f} s on, and its window ended"
+                return Unevaluable(written(atom), end_s, reason)
+        return self._monitor.robustness(self._trace.times_s, self._trace.values(), end_s)
+
+    def _add_row(self, t_s: float) -> None:
+        for name, signal in self._used.items():
+            if signal.of_silence:
+                since_s = (
+                    self._last_sample_s if self._last_sample_s is not None else self.stages.begin_s
+                )
+                self._trace.note(name, max(0.0, t_s - (since_s or 0.0)))
+        self._trace.add_row(t_s)
+
+
+def _read_formula(
+    terms: Terms, text: str, context: OracleContext, stages: Stages
+) -> tuple[Formula, dict[str, Signal]]:
+    """Return the STL formula and its signals. Raises OracleError."""
+    signals = signals_of(context, stages)
+    try:
+        formula = parse_stl(text)
+        require_sound(formula, {name: signal.kind for name, signal in signals.items()})
+    except StlError as error:
+        raise OracleError(
+            f"oracle {terms.name!r}: {error}",
+            key="stl",
+            offset=error.offset,
+            suggestion=error.suggestion,
+        ) from error
+    return formula, signals
+
+
+def _of_both(parameters: StlParameters) -> bool:
+    """Return whether an STL formula uses the distance between both vehicles."""
+    try:
+        names = names_of(parse_stl(parameters.stl))
+    except StlError:
+        return False
+    return any(name.name == TWIN_DISTANCE_NAME for name in names)
+
+
+def _named_objects(parameters: StlParameters, objects: Collection[str]) -> Iterator[str]:
+    """Yield the objects to which a formula has the distance."""
+    words = set(re.findall(r"\w+", parameters.stl))
+    yield from (one for one in objects if distance_name(one) in words)
+
+
+@oracle(
+    "stl",
+    "satisfies a formula of signal temporal logic over the run's signals",
+    StlParameters,
+    pair_only=_of_both,
+    window=ON_GOAL,
+    own_key=OwnKey("stl", "a formula", "A formula of signal temporal logic that has to hold."),
+    objects=_named_objects,
+    limits=limits_of_formula,
+    without_world=lambda given: ("any thing", *re.findall(r"\bdistance_(\w+)_m\b", given.stl)),
+    signals=lambda: {name: (kind.unit, kind.meaning) for name, kind in signal_docs().items()},
+)
+def stl(terms: Terms, parameters: StlParameters, context: OracleContext) -> Oracle:
+    """Return the oracle of an STL formula. Raises OracleError with the place of a mistake."""
+    return Stl(terms, text=parameters.stl, context=context)

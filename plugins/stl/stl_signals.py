@@ -1,0 +1,215 @@
+"""The signals that STL formulas may name, and how samples give their values."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import get_args
+
+from wil_campaign.plugins.stl.units import SignalKind
+from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.model import signals
+from wil_campaign.safety.model.samples import PoseSample, StateSample
+from wil_campaign.safety.oracles.autopilot_health import ModeName
+from wil_campaign.safety.oracles.contact import Limits
+from wil_campaign.safety.oracles.oracle import MotionName, OracleContext, Probe, Stages
+from wil_campaign.safety.oracles.pair import extrapolated_ned_m
+from wil_campaign.vehicles.driver.vehicle_state import ReportName
+from wil_campaign.worlds.frames import norm, subtract
+
+_FARTHEST_M = 1e5
+"""The clearance where no object is near."""
+
+OfPose = Callable[[PoseSample], float]
+OfState = Callable[[StateSample], float | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """An STL signal of one vehicle in one run: its kind, and how a sample gives its value."""
+
+    kind: SignalKind
+    of_pose: OfPose | None = None
+    of_state: OfState | None = None
+    of_both: bool = False
+    """Whether the other vehicle's poses are needed too: `PairDistance` computes it."""
+    of_silence: bool = False
+    """Whether it is the time since something was last received from the vehicle."""
+
+
+def _truth(value: bool | None) -> float | None:
+    """Return a boolean STL signal's value as a number; None for None."""
+    return None if value is None else float(value)
+
+
+def _in_mode(mode: str) -> OfState:
+    """Return the STL signal that is true while the vehicle is in a mode."""
+    return lambda sample: float(sample.mode.value == mode)
+
+
+_OF_POSE: dict[str, tuple[SignalKind, OfPose]] = {
+    "north_m": (SignalKind("m", "how far north of the world's origin"), signals.north_m),
+    "east_m": (SignalKind("m", "how far east of the world's origin"), signals.east_m),
+    "up_m": (SignalKind("m", "height over the world's origin"), signals.up_m),
+    "speed_m_s": (SignalKind("m/s", "speed along all axes"), signals.speed_m_s),
+    "ground_speed_m_s": (SignalKind("m/s", "horizontal speed"), signals.ground_speed_m_s),
+    "climb_m_s": (SignalKind("m/s", "climb rate; negative while it sinks"), signals.climb_m_s),
+    "roll_deg": (SignalKind("deg", "roll, positive to the right"), signals.roll_deg),
+    "pitch_deg": (SignalKind("deg", "pitch, positive nose up"), signals.pitch_deg),
+    "yaw_deg": (SignalKind("deg", "heading, clockwise from north, -180 to 180"), signals.yaw_deg),
+    "tilt_deg": (SignalKind("deg", "angle to the vertical"), signals.tilt_deg),
+}
+_OF_STATE: dict[str, tuple[SignalKind, OfState]] = {
+    "battery_percent": (
+        SignalKind("%", "remaining charge"),
+        lambda s: None if s.battery_fraction is None else s.battery_fraction * 100.0,
+    ),
+    "battery_v": (SignalKind("V", "battery voltage"), lambda s: s.battery_v),
+    "armed": (SignalKind("", "its motors are armed"), lambda s: _truth(s.armed)),
+    "on_ground": (
+        SignalKind("", "it reports that it is on the ground"),
+        lambda s: _truth(s.landed),
+    ),
+    "estimator_sound": (
+        SignalKind("", "its estimator reports no fault"),
+        lambda s: _truth(s.estimator_fault is None),
+    ),
+    **{
+        f"mode_{mode}": (SignalKind("", f"it is in a mode of kind '{mode}'"), _in_mode(mode))
+        for mode in get_args(ModeName)
+    },
+}
+_REPORTS: Mapping[str, ReportName] = {
+    "battery_percent": "battery",
+    "battery_v": "battery",
+    "on_ground": "landed_state",
+    "estimator_sound": "estimator",
+}
+_MOTION: Mapping[str, MotionName] = {
+    "speed_m_s": "velocity",
+    "ground_speed_m_s": "velocity",
+    "climb_m_s": "velocity",
+    "roll_deg": "attitude",
+    "pitch_deg": "attitude",
+    "yaw_deg": "attitude",
+    "tilt_deg": "attitude",
+}
+CLEARANCE = SignalKind(
+    "m", "distance to the nearest object; floors count between at_height and land"
+)
+FENCE_MARGIN = SignalKind("m", "distance to its geofence, negative outside (if there is one)")
+GOAL_DISTANCE = SignalKind("m", "distance to the goal's position (if it has one)")
+TWIN_DISTANCE_NAME = "twin_distance_m"
+TWIN_DISTANCE = SignalKind("m", "distance between real and twin (in mode wil)")
+SILENCE = SignalKind("s", "time since something was last received from it")
+THING_DISTANCE = SignalKind("m", "distance to one object of the world, by its name")
+
+
+def signal_docs() -> dict[str, SignalKind]:
+    """Return the documentation of every STL signal, also those of some campaigns only."""
+    return {
+        **{name: kind for name, (kind, _) in _OF_POSE.items()},
+        "clearance_m": CLEARANCE,
+        "distance_<thing>_m": THING_DISTANCE,
+        "fence_margin_m": FENCE_MARGIN,
+        "goal_distance_m": GOAL_DISTANCE,
+        TWIN_DISTANCE_NAME: TWIN_DISTANCE,
+        "silence_s": SILENCE,
+        **{name: kind for name, (kind, _) in _OF_STATE.items()},
+    }
+
+
+def reports_of(names: Iterable[str]) -> frozenset[ReportName]:
+    """Return which reports of a vehicle its STL signals need."""
+    return frozenset(_REPORTS.get(name, "heartbeat") for name in names if name in _OF_STATE)
+
+
+def motion_of(names: Iterable[str]) -> frozenset[MotionName]:
+    """Return what the STL signals need of a pose besides the position."""
+    return frozenset(_MOTION[name] for name in names if name in _MOTION)
+
+
+def signals_of(context: OracleContext, stages: Stages) -> dict[str, Signal]:
+    """Return the STL signals of one vehicle in one run. stages: of the oracle."""
+    found = {name: Signal(kind, of_pose=of) for name, (kind, of) in _OF_POSE.items()}
+    found |= {name: Signal(kind, of_state=of) for name, (kind, of) in _OF_STATE.items()}
+    found["silence_s"] = Signal(SILENCE, of_silence=True)
+    if (probe_of := context.probe_of) is not None and context.things:
+        found["clearance_m"] = Signal(CLEARANCE, of_pose=_Nearest(context, stages))
+        for thing in context.things:
+            name = signals.distance_name(thing)
+            of_pose = _Distance(thing, probe_of, context.events)
+            found[name] = Signal(THING_DISTANCE, of_pose=of_pose)
+    if context.fence is not None:
+        found["fence_margin_m"] = Signal(FENCE_MARGIN, of_pose=FenceMargin(context.fence))
+    if context.target_ned_m is not None:
+        target = context.target_ned_m
+        found["goal_distance_m"] = Signal(
+            GOAL_DISTANCE, of_pose=lambda s: norm(subtract(s.pose.position_ned_m, target))
+        )
+    if context.mode == "wil":
+        found[TWIN_DISTANCE_NAME] = Signal(TWIN_DISTANCE, of_both=True)
+    return found
+
+
+class FenceMargin:
+    """The STL signal of the distance to the fence that applies now."""
+
+    def __init__(self, fence: Fence) -> None:
+        self.fence = fence
+
+    def __call__(self, sample: PoseSample) -> float:
+        """Return the fence margin of a pose as a signal value."""
+        return self.fence.margin_m(sample.pose.position_ned_m)
+
+
+class _Distance:
+    """The STL signal of the distance to one object at each pose."""
+
+    def __init__(
+        self, thing: str, probe_of: Callable[[str], Probe], events: Mapping[str, float]
+    ) -> None:
+        self._thing, self._probe_of, self._events = thing, probe_of, events
+        self._probe: Probe | None = None
+
+    def __call__(self, sample: PoseSample) -> float:
+        if self._probe is None:
+            self._probe = self._probe_of(self._thing)
+        swept = self._probe.sweep(sample.pose, sample.t_s, sample.pose, sample.t_s, self._events)
+        return max(0.0, min(each.clearance_m for each in swept))
+
+
+class _Nearest:
+    """The STL signal of the least clearance to any object since the last pose."""
+
+    def __init__(self, context: OracleContext, stages: Stages) -> None:
+        self._context, self._stages = context, stages
+        self._probes: tuple[Probe, ...] = ()
+        self._last: PoseSample | None = None
+
+    def __call__(self, sample: PoseSample) -> float:
+        context = self._context
+        if not self._probes and context.probe_of is not None:
+            self._probes = tuple(context.probe_of(thing) for thing in context.things)
+        last, self._last = self._last or sample, sample
+        limits = Limits()
+        limits.below_m, limits.floors_ignored = _FARTHEST_M, self._stages.near_ground_at(sample.t_s)
+        for probe in self._probes:
+            swept = probe.sweep(
+                last.pose, last.t_s, sample.pose, sample.t_s, context.events, below_m=limits
+            )
+            limits.below_m = min([limits.below_m, *(each.clearance_m for each in swept)])
+        return max(0.0, limits.below_m)
+
+
+class PairDistance:
+    """The STL signal of the distance between real and twin, the older pose extrapolated."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, PoseSample] = {}
+
+    def take(self, sample: PoseSample) -> float | None:
+        """Take a pose of either; return the pair's distance signal, None while one is unknown."""
+        self._last[sample.vehicle] = sample
+        other = self._last.get("twin" if sample.vehicle == "real" else "real")
+        if other is None:
+            return None
+        return norm(subtract(sample.pose.position_ned_m, extrapolated_ned_m(other, sample.t_s)))

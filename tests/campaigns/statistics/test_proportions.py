@@ -1,0 +1,42 @@
+"""Intervals of pass rates, against published values."""
+
+import pytest
+
+from wil_campaign.campaigns.statistics.proportions import (
+    clopper_pearson,
+    flights_without_failure,
+    least_pass_rate,
+)
+
+
+@pytest.mark.parametrize(
+    ("passed", "flown", "low", "high"),
+    [
+        # Newcombe, Statistics in Medicine 17 (1998), table I, method 5.
+        (81, 263, 0.2527, 0.3676),
+        (15, 148, 0.0578, 0.1617),
+        (0, 20, 0.0000, 0.1684),
+        (1, 29, 0.0009, 0.1776),
+        (5, 5, 0.4782, 1.0000),
+    ],
+)
+def test_the_interval_of_a_pass_rate_is_as_published(
+    passed: int, flown: int, low: float, high: float
+) -> None:
+    interval = clopper_pearson(passed, flown)
+    assert interval is not None
+    assert (interval.low, interval.high) == pytest.approx((low, high), abs=6e-5)
+
+
+def test_no_flight_has_no_interval_and_impossible_counts_are_refused() -> None:
+    assert clopper_pearson(0, 0) is None
+    with pytest.raises(ValueError, match="6 of 5"):
+        clopper_pearson(6, 5)
+    with pytest.raises(ValueError, match="confidence"):
+        clopper_pearson(1, 5, confidence=1.0)
+
+
+def test_a_claim_needs_so_many_flights_without_failure() -> None:
+    assert [flights_without_failure(rate) for rate in (0.8, 0.9, 0.95, 0.99)] == [14, 29, 59, 299]
+    assert least_pass_rate(59) >= 0.95 > least_pass_rate(58)
+    assert least_pass_rate(0) == 0.0

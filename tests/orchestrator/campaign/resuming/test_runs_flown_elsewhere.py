@@ -1,0 +1,57 @@
+"""A campaign is resumed whose runs were flown by a plugin's engine, which fetches them."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.orchestrator.hover import write_hover
+from wil_campaign.campaigns.expansion.expansion import load_campaign
+from wil_campaign.hooks import Engine
+from wil_campaign.orchestrator.campaign.resuming import resumed_campaign
+from wil_campaign.orchestrator.campaign.resuming.resumed_campaign import (
+    ResumeRules,
+    resume_campaign,
+)
+from wil_campaign.orchestrator.campaign.resuming.resumption import ResumeError
+from wil_campaign.orchestrator.campaign.resuming.run_ledger import CampaignPlace, RunLedger
+
+FETCHED: list[Path] = []
+
+
+def fetch(folder: Path, *, say: Callable[[str], None]) -> None:
+    say("fetched")
+    FETCHED.append(folder)
+
+
+def resume(tmp_path: Path) -> list[str]:
+    said: list[str] = []
+    folder = tmp_path / "out"
+    campaign = load_campaign(write_hover(tmp_path))
+    resume_campaign(campaign, folder, ResumeRules(), say=said.append)
+    return said
+
+
+def test_its_engine_fetches_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "out").mkdir()
+    farm = Engine("farm", "", "", "", "", fetch=f"{__name__}:fetch")
+    monkeypatch.setattr(resumed_campaign, "added", lambda _: {"farm": farm})
+    assert resume(tmp_path) == []
+    RunLedger(tmp_path / "out", "first", CampaignPlace("s3://b", "hover")).write(
+        "ordered", "default/sim/1", "second", place="hover/default/sim/1"
+    )
+    assert resume(tmp_path)[0] == "fetched"
+    assert [tmp_path / "out"] == FETCHED
+
+
+def test_without_the_plugin_it_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its runs would be flown again, though they are finished."""
+    (tmp_path / "out").mkdir()
+    RunLedger(tmp_path / "out", "first", CampaignPlace("s3://b", "hover")).write(
+        "ordered", "default/sim/1", "second", place="hover/default/sim/1"
+    )
+    why = "'ray' is of the plugin cluster, which is not installed: pip install it"
+    monkeypatch.setattr(resumed_campaign, "added", lambda _: {})
+    monkeypatch.setattr(resumed_campaign, "absent", lambda _: {"ray": why})
+    with pytest.raises(ResumeError, match="has runs in a store: 'ray' is of the plugin cluster"):
+        resume(tmp_path)

@@ -1,0 +1,69 @@
+"""The last line of a campaign is short; what does not fit stands above it, with what is next."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from tests.orchestrator.model.test_results import result, summary
+from wil_campaign.orchestrator.cli.verdict_table import (
+    LAST_LINE,
+    conclusions,
+    explained_words,
+    next_steps,
+)
+
+
+def test_what_does_not_fit_into_the_last_line_stands_above_it() -> None:
+    left_out = tuple(f"a-long-name-of-a-case-{k}/wil" for k in range(6))
+    found = replace(
+        summary([result() for _ in range(3)]),
+        left_out=left_out,
+        not_flown=("small/wil/1",),
+    )
+    lines = [line.plain for line in conclusions(found)]
+    assert len(lines[-1]) <= LAST_LINE
+    assert lines[-1].startswith(
+        "accepted of what was flown; never flown: 1 of 4; required but left out"
+    )
+    assert lines[-2] == f"required but left out: {', '.join(left_out)}"
+
+
+def test_of_very_many_parts_the_last_line_has_a_count() -> None:
+    found = replace(
+        summary([result("INVALID")]),
+        unmet=tuple(f"the control number {k} ended as something else: why" for k in range(9)),
+    )
+    last = conclusions(found)[-1].plain
+    assert len(last) <= LAST_LINE
+    assert "more above" in last
+
+
+def test_a_short_last_line_has_all() -> None:
+    found = replace(summary([result() for _ in range(3)]), left_out=("large/wil",))
+    last = conclusions(found)[-1].plain
+    assert last.startswith("accepted of what was flown; required but left out: large/wil (the ")
+    assert "above" not in last
+
+
+def test_words_are_explained_where_they_stand() -> None:
+    plain = summary([result()])
+    assert [line.plain for line in explained_words(plain)] == []
+    some = replace(
+        plain,
+        runs=(replace(result("INVALID"), required=False),),
+        left_out=("large/wil",),
+    )
+    words = [line.plain.partition(":")[0] for line in explained_words(some)]
+    assert words == ["reported", "INVALID", "left out"]
+
+
+def test_the_next_steps_are_those_of_the_outcome() -> None:
+    file, folder = Path("my gate.yaml"), Path("results/gate/1")
+    accepted = replace(summary([result()]), broken=False)
+    (only,) = next_steps(accepted, file=file, folder=folder, has_report=True)
+    assert "open the report" in only.plain
+    failed = replace(summary([result("FAIL")]), broken=False, stopped="signal")
+    lines = [line.plain for line in next_steps(failed, file=file, folder=folder, has_report=False)]
+    assert lines == [
+        "next: wil-campaign run 'my gate.yaml' --out results/gate/1 --resume flies what is missing",
+        "next: wil-campaign judge 'my gate.yaml' results/gate/1 tries other limits without flying",
+    ]

@@ -1,0 +1,112 @@
+"""Documents of a results folder that are damaged, foreign or hostile: named, never an exception."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.orchestrator.reading.flown_campaign import flights, write_flown
+from wil_campaign.orchestrator.cli import main
+
+Capture = pytest.CaptureFixture[str]
+Document = dict[str, Any]
+COMMANDS = ("report", "gap", "compare", "history")
+
+
+def flown(folder: Path) -> Path:
+    given = [
+        flight
+        for mode, shift in (("real", 0.0), ("wil", 0.1), ("sim", 0.4))
+        for flight in flights("a", mode, "PP", [shift, shift + 0.01])
+    ]
+    return write_flown(folder, given, with_motion=False)
+
+
+def changed(path: Path, change: Callable[[Document], object]) -> None:
+    document = json.loads(path.read_text())
+    change(document)
+    path.write_text(json.dumps(document))
+
+
+def outcome(capsys: Capture, command: str, folder: Path) -> tuple[int, str]:
+    """Run a command on a folder in its plainest form; return exit code and standard error."""
+    good = folder.parent / "good"
+    if command == "compare" and not good.exists():
+        flown(good)
+    before = [str(good)] if command == "compare" else []
+    code = main([command, *before, str(folder)])
+    text = capsys.readouterr().err
+    assert "internal error" not in text
+    return code, text
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda document: document.clear(), "it lacks campaign, started_utc, runs, document"),
+        (lambda document: document.update(started_utc=7), "it lacks started_utc"),
+        (lambda document: document.update(runs={}), "it lacks runs"),
+        (lambda document: document.update(requirements=7), "requirements: Input should be a valid"),
+        (
+            lambda document: document.update(requirements=[{"case": "a", "mode": "wil"}]),
+            "requirements.0.share: Field required",
+        ),
+        (
+            lambda document: document["runs"].extend(
+                [{"run": "../../etc"}, {"run": "a\ud800/wil/" + "1" * 300}, {"run": 5}, None]
+            ),
+            "4 runs that are not named case/mode/repetition: '../../etc', 'a?/wil/1",
+        ),
+    ],
+)
+def test_a_campaign_file_of_another_shape_is_named(
+    tmp_path: Path, capsys: Capture, change: Callable[[Document], object], words: str
+) -> None:
+    folder = flown(tmp_path / "gate")
+    changed(folder / "campaign.json", change)
+    for command in COMMANDS:
+        code, text = outcome(capsys, command, folder)
+        assert (command, code) == (command, 3)
+        assert words in text
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [("NaN", "NaN is not a number"), ("1e999", "1e999 is too large")],
+)
+def test_a_result_with_what_is_no_number_is_damaged(
+    tmp_path: Path, capsys: Capture, number: str, words: str
+) -> None:
+    folder = flown(tmp_path / "gate")
+    path = folder / "a/real/1/result.json"
+    written = path.read_text()
+    path.write_text(written.replace('"duration_s": 10.0', f'"duration_s": {number}', 1))
+    assert path.read_text() != written
+    for command in COMMANDS:
+        code, text = outcome(capsys, command, folder)
+        assert (command, code) == (command, 3)
+        assert f"a/real/1: result.json is truncated or damaged: {words}" in text
+
+
+def test_half_a_surrogate_pair_spoils_no_kept_history(tmp_path: Path, capsys: Capture) -> None:
+    folder = flown(tmp_path / "gate")
+    changed(folder / "campaign.json", lambda document: document.update(campaign="a\ud800b"))
+    keep = tmp_path / "history.jsonl"
+    for _ in range(2):
+        assert main(["history", str(folder), "--keep", str(keep), "--json"]) == 0
+        rows = json.loads(capsys.readouterr().out)["rows"]
+        assert {row["campaign"] for row in rows} == {"a?b"}
+    assert main(["report", str(folder)]) == 3
+
+
+def test_a_folder_that_lost_its_campaign_file_is_not_passed_over(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    folder = flown(tmp_path / "gate")
+    (folder / "campaign.json").unlink()
+    assert main(["history", str(tmp_path)]) == 3
+    text = capsys.readouterr()
+    assert "campaign.json is missing" in text.err
+    assert "2/2" in text.out

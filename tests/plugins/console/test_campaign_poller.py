@@ -1,0 +1,44 @@
+"""The status of campaigns for a console: verdicts and reasons, also of a program that died."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from wil_campaign.orchestrator.operator.campaign_records import CampaignRecord, Place
+from wil_campaign.orchestrator.operator.flight_scope import FlightScope
+from wil_campaign.plugins.console import campaign_poller
+from wil_campaign.plugins.console.campaign_poller import CampaignPoller
+
+REASON = "real: arming was refused"
+
+
+def write(path: Path, document: Any) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(document))
+
+
+def test_verdicts_have_their_reasons_and_outlive_a_program_that_died(
+    tmp_path: Path, short_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
+    finished = {"small/wil/5": "ERROR", "small/wil/6": "PASS"}
+
+    def answer(place: Place) -> dict[str, Any]:
+        return {"name": place.name, "folder": str(place.folder), "finished": finished}
+
+    monkeypatch.setattr(campaign_poller, "_status", answer)
+    write(tmp_path / "small" / "wil" / "5" / "result.json", {"reason": REASON})
+    with CampaignPoller(FlightScope()) as poller:
+        with CampaignRecord(name="gate", folder=tmp_path):
+            (flying,) = poller.poll()["campaigns"]
+        # What is not written yet is read when it is.
+        assert (flying["is_over"], flying["reasons"]) == (False, {"small/wil/5": REASON})
+        (ended,) = poller.poll()["campaigns"]
+        assert (ended["is_over"], ended["finished"]) == (True, finished)
+        assert ended["reasons"] == {"small/wil/5": REASON}
+        run = {"case": "small", "mode": "wil", "rep": 5, "verdict": "ERROR", "reason": REASON}
+        write(tmp_path / "summary.json", {"runs": [run], "accepted": False})
+        (told,) = poller.poll()["campaigns"]
+        assert (told["accepted"], told["finished"]) == (False, {"small/wil/5": "ERROR"})

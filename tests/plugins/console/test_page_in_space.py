@@ -1,0 +1,143 @@
+"""The view in space of the console's page, in a browser that has WebGL, over a recorded run."""
+
+import asyncio
+import hashlib
+import re
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from aiohttp.test_utils import TestServer
+
+from tests.orchestrator.report.browser import Page, browser, chromium
+from tests.orchestrator.report.recorded_campaign import write_campaign
+from tests.ports import free_port
+from wil_campaign.orchestrator.operator.flight_scope import FlightScope
+from wil_campaign.plugins.console.console_access import ConsoleAccess
+from wil_campaign.plugins.console.console_address import ConsoleAddress, RequestRules
+from wil_campaign.plugins.console.console_hub import ConsoleHub
+from wil_campaign.plugins.console.console_server import ConsoleServer
+from wil_campaign.plugins.console.page_commands import CommandSender
+from wil_campaign.plugins.console.recorded_run import RecordedRun
+
+PATIENCE_S = 60.0
+ARE_OLD = "document.querySelectorAll('.camera.stale').length === 4"
+JOIN = "document.querySelector('#join-form button').click()"
+NOTE = "document.getElementById('space-note').textContent"
+LOSE = "document.getElementById('space').getContext('webgl2').getExtension('WEBGL_lose_context')"
+COLOURS = {"real": (0x15, 0x65, 0xC0), "twin": (0xC2, 0x18, 0x5B), "fence": (0x8A, 0x5A, 0x00)}
+ORANGE = (0xE0, 0x7B, 0x00)
+LEAST_PX = 25
+
+
+def seen(image: Any, rgb: tuple[int, int, int], within: int = 40) -> int:
+    """Return how many pixels have about this colour."""
+    return int((np.abs(image.astype(int) - rgb[::-1]).max(axis=2) < within).sum())
+
+
+def space_image(page: Page, path: Path) -> Any:
+    """Return what the canvas of the view in space shows."""
+    page.settle()
+    page.screenshot(path)
+    box = page.value(
+        "(({x, y, width, height}) => [x, y, width, height])"
+        "(document.getElementById('space').getBoundingClientRect())"
+    )
+    x, y, width, height = (round(one) for one in box)
+    image = cv2.imread(str(path))
+    assert image is not None
+    return image[y : y + height, x : x + width]
+
+
+async def serve_and_look(folder: Path, look: Callable[[str], None]) -> None:
+    """Serve a recorded run, and look at it from a thread. look: is given the link."""
+    access = ConsoleAccess()
+    port = free_port()
+    hub = ConsoleHub(about={"mode": "recorded"}, access=access)
+    sender = CommandSender(FlightScope())
+    server = ConsoleServer(
+        access=access,
+        rules=RequestRules.of(ConsoleAddress("127.0.0.1", port), tls=False),
+        hub=hub,
+        sender=sender,
+        cookie="session",
+        time=asyncio.get_running_loop().time,
+    )
+    playing = asyncio.create_task(RecordedRun(folder, speed=2.0).play(hub.take))
+    try:
+        async with TestServer(server.application(), port=port):
+            link = f"http://127.0.0.1:{port}/#{access.invite('viewer')}"
+            await asyncio.to_thread(look, link)
+    finally:
+        playing.cancel()
+        await asyncio.wait([playing])
+        sender.close()
+
+
+def wait_until(page: Page, holds: Callable[[], bool]) -> None:
+    """Wait until something holds, as long as a slow machine needs."""
+    for _ in range(int(PATIENCE_S / 0.1)):
+        if holds():
+            return
+        page.send(
+            "Runtime.evaluate",
+            expression="new Promise((f) => setTimeout(f, 100))",
+            awaitPromise=True,
+        )
+    pytest.fail("it did not come")
+
+
+@pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
+async def test_the_view_in_space_shows_vehicles_fence_and_gate_and_turns(tmp_path: Path) -> None:
+    folder = write_campaign(tmp_path / "gate") / "large" / "wil" / "1"
+    shot = tmp_path / "shot.png"
+
+    def look(link: str) -> None:
+        with browser(webgl=True) as page:
+            page.resize(900, 600)
+            page.open(link)
+            page.value(JOIN)
+
+            def is_drawn() -> bool:
+                image = space_image(page, shot)
+                return all(seen(image, one) > LEAST_PX for one in (*COLOURS.values(), ORANGE))
+
+            wait_until(page, is_drawn)
+            assert page.value(NOTE) == ""
+            before = seen(space_image(page, shot), ORANGE)
+            # Between two rounds of the run nothing comes: all images are old, the overlay too.
+            wait_until(page, lambda: page.value(ARE_OLD))
+            page.value("document.getElementById('space').focus()")
+            for _ in range(8):
+                page.press("ArrowRight")
+            # Seen from beside, a gate is narrower.
+            wait_until(page, lambda: 0 < seen(space_image(page, shot), ORANGE) < 0.8 * before)
+            assert page.errors == []
+            assert [
+                one for one in page.requests if not one.startswith(link.partition("#")[0])
+            ] == []
+            page.value(f"(window.lost = {LOSE}).loseContext()")
+            wait_until(page, lambda: "STOPPED" in page.value(NOTE))
+            page.value("window.lost.restoreContext()")
+            wait_until(page, lambda: page.value(NOTE) == "")
+            wait_until(page, lambda: seen(space_image(page, shot), ORANGE) > LEAST_PX)
+
+    await serve_and_look(folder, look)
+
+
+def test_vendored_libraries_are_those_that_are_listed() -> None:
+    folder = files("wil_campaign.plugins.console") / "page" / "vendor"
+    listed = re.findall(
+        r"\| (\S+/\S+\.js) \| ([0-9a-f]{64}) \|", (folder / "README.md").read_text()
+    )
+    present = {
+        f"three/{one.name}" for one in (folder / "three").iterdir() if one.name.endswith(".js")
+    }
+    assert {path for path, _ in listed} == present
+    for path, digest in listed:
+        assert hashlib.sha256((folder / path).read_bytes()).hexdigest() == digest
+    assert "MIT License" in (folder / "three" / "LICENSE").read_text(encoding="utf-8")

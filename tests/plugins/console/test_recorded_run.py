@@ -1,0 +1,115 @@
+"""A finished run as the console plays it, and the command that does."""
+
+import asyncio
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.orchestrator.report.recorded_campaign import END_S, GOAL_S, write_campaign
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.live_feed.feed_messages import (
+    EventView,
+    FactsView,
+    FeedMessage,
+    ImageView,
+    RunView,
+)
+from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.plugins.console.recorded_run import RecordedRun
+from wil_campaign.plugins.console.scene_document import RunScene
+
+
+async def played(folder: Path) -> list[FeedMessage]:
+    """Return what a run's recording shows until its verdict, the last view, or once more."""
+    found: list[FeedMessage] = []
+    is_over = asyncio.Event()
+
+    async def take(message: FeedMessage) -> None:
+        if not is_over.is_set():
+            found.append(message)
+        begins_again = isinstance(message, FactsView) and len(found) > 1
+        if begins_again or (isinstance(message, RunView) and message.verdict_so_far):
+            is_over.set()
+
+    playing = asyncio.create_task(RecordedRun(folder, speed=100.0).play(take))
+    over = asyncio.create_task(is_over.wait())
+    await asyncio.wait({playing, over}, return_when=asyncio.FIRST_COMPLETED)
+    over.cancel()
+    if not playing.done():
+        playing.cancel()
+        await asyncio.wait({playing})
+        return found
+    await playing
+    raise AssertionError("it is played until it is cancelled")
+
+
+async def test_a_finished_run_is_played_as_it_was_flown(tmp_path: Path) -> None:
+    folder = write_campaign(tmp_path / "gate") / "large" / "wil" / "1"
+    found = await played(folder)
+    views = [one for one in found if isinstance(one, RunView)]
+    times_s = [one.t_s for one in views]
+    assert times_s == sorted(times_s)
+    assert times_s[-1] == pytest.approx(END_S, abs=0.2)
+    assert {one.name for one in views[-1].vehicles} >= {"real"}
+    assert ([one.verdict_so_far for one in views[-2:]], views[-1].margins != ()) == (
+        ["", "FAIL"],
+        True,
+    )
+    assert all(("goal" in one.entered_s) == (one.t_s >= GOAL_S) for one in views)
+    assert {one.name for one in found if isinstance(one, ImageView)} >= {"real", "mixed"}
+    assert [one.number for one in found if isinstance(one, EventView)][:2] == [1, 2]
+    assert set(views[0].fences) >= {"real"}
+    facts = next(one.facts for one in found if isinstance(one, FactsView))
+    (gate,) = RunScene.of("/r", facts).document["objects"]
+    assert (gate["name"], gate["is_virtual"], gate["moves"]) == ("gate", True, False)
+    assert max(max(face) for face in gate["faces"]) < len(gate["vertices_m"])
+
+
+@pytest.mark.parametrize(
+    ("link", "kind"),
+    [
+        ("embedded", "simulated: embedded"),
+        ({"launch": "px4"}, "simulated: px4"),
+        ("udp:127.0.0.1:14550", "attached: may be hardware"),
+        ({"url": "serial:/dev/ttyACM0"}, "attached: may be hardware"),
+    ],
+)
+def test_the_scene_says_what_a_vehicle_is(link: object, kind: str) -> None:
+    facts = {"campaign": json.dumps({"vehicles": {"real": {"link": link}}})}
+    assert RunScene.of("/r", facts).document["kinds"] == {"real": kind}
+    for broken in ("", "[]", "{", '{"vehicles": {"real": 1}}'):
+        assert RunScene.of("/r", {"campaign": broken}).document["kinds"] == {}
+
+
+async def test_a_run_without_positions_cannot_be_played(tmp_path: Path) -> None:
+    folder = write_campaign(tmp_path / "gate") / "large" / "wil" / "1"
+    (folder / "trajectory.csv").write_text("t_s,vehicle,stage\n")
+    with pytest.raises(RecordingError, match="no row"):
+        await played(folder)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (("--address", "0.0.0.0"), 3, "needs a certificate"),  # noqa: S104
+        (("--address", "a b"), 3, "not a console address"),
+        (("--tls-cert", "x.pem"), 2, "go together"),
+        (("--speed", "0"), 2, "--speed is between"),
+    ],
+)
+def test_what_cannot_be_served_is_refused_in_words(
+    arguments: tuple[str, ...], code: int, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["console", *arguments]) == code
+    assert said in capsys.readouterr().err
+
+
+def test_a_port_in_use_is_refused_in_words(
+    capsys: pytest.CaptureFixture[str], unused_tcp_port: int
+) -> None:
+    import socket
+
+    with socket.create_server(("127.0.0.1", unused_tcp_port)):
+        assert main(["console", "--address", f":{unused_tcp_port}"]) == 3
+    assert "cannot listen at" in capsys.readouterr().err

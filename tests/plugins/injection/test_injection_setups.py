@@ -1,0 +1,44 @@
+"""What a campaign may say of injections."""
+
+import pytest
+
+from tests.campaigns.conftest import Files
+from tests.campaigns.setup.test_external_setups import REAL, TWIN, needs, setup
+from wil_campaign.plugins.injection.injection_setups import InjectionSetups
+
+
+def test_obstacles_for_px4_are_refused_before_anything_is_there(files: Files) -> None:
+    lidar = "      lidar: {type: lidar}\n"
+    files.change(REAL, REAL + lidar)
+    files.change(TWIN, TWIN + lidar)
+    files.append("inject: {obstacle_distance: {sensor: lidar}}\n")
+    (fault,) = files.faults()
+    assert "'real' (px4) would ignore it: in mode OFFBOARD" in fault
+    assert "fly in POSCTL" in fault
+    files.change("sensor: lidar}", "sensor: lidar, to: [twin]}")
+    given = setup(files).observers["inject"]
+    assert isinstance(given, InjectionSetups)
+    (injection,) = given.injections
+    assert (injection.thing, injection.to, injection.sensor) == (
+        "obstacle_distance",
+        ("twin",),
+        "lidar",
+    )
+    assert needs(files) == []  # it goes by the vehicles' own links
+
+
+@pytest.mark.parametrize(
+    ("inject", "said"),
+    [
+        ("{obstacle_distance: {sensor: lidar, to: [twin]}}", "'twin' has no lidar 'lidar'"),
+        ("{adsb_vehicle: {objects: [gat]}}", "no object 'gat' in the world"),
+        ("{odometry: {}}", "'twin' has no motion capture"),
+        ("{landing_target: {object: gate, to: [real]}}", "in mode LAND: no landing is guided"),
+        ("{vision_position_estimate: {}, odometry: {}}", "delivers the pose already"),
+        ("{collision: {}}", "unknown key 'collision'"),
+        ("{obstacle_distance: {sensor: lidar, to: [real, real]}}", "names a vehicle twice"),
+    ],
+)
+def test_injections_that_cannot_be_are_refused(files: Files, inject: str, said: str) -> None:
+    files.append(f"inject: {inject}\n")
+    assert any(said in fault for fault in files.faults())

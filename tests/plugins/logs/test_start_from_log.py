@@ -1,0 +1,225 @@
+"""`init --from LOG`: a campaign around a logged flight, and what cannot be one."""
+
+import math
+from pathlib import Path
+
+import pytest
+import yaml
+from mcap_ros2.writer import Writer
+
+from tests.orchestrator.conftest import Fly
+from tests.plugins.logs.logs_of_flights import CORNERS, EPOCH_S, FRAME, flown, write_tlog
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.plugins.logs.course import course_of
+from wil_campaign.plugins.logs.log_reader import read_log
+from wil_campaign.plugins.logs.logged_flight import LogError, LoggedFlight, TrackPoint
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parameters
+from wil_campaign.vehicles.embedded.autopilot.services.log_formats import DataFlash, ULog
+from wil_campaign.vehicles.embedded.physics.states import Motion
+
+Capture = pytest.CaptureFixture[str]
+ODOMETRY = """\
+std_msgs/Header header
+string child_frame_id
+geometry_msgs/PoseWithCovariance pose
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+================================================================================
+MSG: geometry_msgs/PoseWithCovariance
+geometry_msgs/Pose pose
+================================================================================
+MSG: geometry_msgs/Pose
+geometry_msgs/Point position
+geometry_msgs/Quaternion orientation
+================================================================================
+MSG: geometry_msgs/Point
+float64 x
+float64 y
+float64 z
+================================================================================
+MSG: geometry_msgs/Quaternion
+float64 x
+float64 y
+float64 z
+float64 w
+"""
+
+
+def vehicle_log(kind: type[DataFlash] | type[ULog], path: Path) -> Path:
+    """Write the log that the embedded autopilot writes."""
+    name, is_px4 = ("MPC_XY_CRUISE", True) if kind is ULog else ("WPNAV_SPEED_DN", False)
+    log = kind(0, Parameters((Parameter(name, 9, 123.0),), bytewise=is_px4))
+    log.text(0, "ArduCopter V4.7.0-dev (8d3c51a7)")
+    log.text(0, "Frame: QUAD/X")
+    for t_s, north_m, east_m, up_m in flown():
+        zero = (0.0, 0.0, 0.0)
+        now = Motion((north_m, east_m, -up_m), zero, (0.0, 0.0, math.radians(30)), zero, zero)
+        log.position(round(t_s * 1e6), now)
+    path.write_bytes(log.data())
+    return path
+
+
+def bag(path: Path) -> Path:
+    """Write a bag of ROS 2: odometry in east, north, up."""
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        schema = writer.register_msgdef("nav_msgs/msg/Odometry", ODOMETRY)
+        for t_s, north_m, east_m, up_m in flown():
+            yaw = math.pi / 2 - math.radians(30)
+            orientation = {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
+            pose = {"position": {"x": east_m, "y": north_m, "z": up_m}, "orientation": orientation}
+            header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "odom"}
+            message = {"header": header, "child_frame_id": "base", "pose": {"pose": pose}}
+            stamp_ns = round((EPOCH_S + t_s) * 1e9)
+            writer.write_message("/odom", schema, message, stamp_ns, stamp_ns)
+        writer.finish()
+    return path
+
+
+def of_kind(kind: str, folder: Path) -> Path:
+    path = folder / f"flight.{kind}"
+    match kind:
+        case "tlog":
+            return write_tlog(path)
+        case "ulg":
+            return vehicle_log(ULog, path)
+        case "bin":
+            return vehicle_log(DataFlash, path)
+        case _:
+            return bag(path)
+
+
+@pytest.mark.parametrize("kind", ["tlog", "ulg", "bin", "mcap"])
+def test_the_course_of_each_format(tmp_path: Path, kind: str) -> None:
+    flight = read_log(of_kind(kind, tmp_path))
+    course = course_of(flight)
+    assert course is not None
+    assert course.yaw_rad == pytest.approx(math.radians(30), abs=1e-5)
+    assert course.altitude_m == pytest.approx(3.0, abs=0.05)
+    corners = [(one.north_m, one.east_m) for one in course.waypoints]
+    assert corners[0] == pytest.approx(CORNERS[1], abs=0.3)
+    assert corners[1] == pytest.approx(CORNERS[2], abs=0.3)
+    assert course.waypoints[0].speed_m_s == pytest.approx(2.0, abs=0.1)
+    assert course.box == ((-5, 13), (-5, 9), (-2.0, 8))
+    assert flight.autopilot == {"bin": "ardupilot", "mcap": None}.get(kind, "px4")
+
+
+def test_a_tlog_tells_vehicle_firmware_place_and_parameters(tmp_path: Path) -> None:
+    flight = read_log(write_tlog(tmp_path / "flight.tlog"))
+    assert (flight.autopilot, flight.vehicle_type) == ("px4", "hexarotor")
+    assert flight.firmware == "1.16.2 (abcdef12)"
+    assert flight.parameters == {"MPC_XY_CRUISE": 2.5, "SYS_AUTOSTART": 4001}
+    assert flight.origin is not None
+    north, east, down = FRAME.to_ned(
+        flight.origin.latitude_deg, flight.origin.longitude_deg, flight.origin.altitude_m
+    )
+    assert (north, east, down) == pytest.approx((-5.0, 0.0, -0.2), abs=0.05)
+
+
+def test_the_logs_of_embedded_vehicles_tell_their_parameters(tmp_path: Path) -> None:
+    flight = read_log(of_kind("bin", tmp_path))
+    assert flight.firmware == "4.7.0-dev (8d3c51a7)"
+    assert flight.vehicle_type == "quadrotor"
+    assert flight.parameters == {"WPNAV_SPEED_DN": 123.0}
+    assert read_log(of_kind("ulg", tmp_path)).parameters == {"MPC_XY_CRUISE": 123.0}
+
+
+def test_a_campaign_of_a_log_validates(tmp_path: Path, capsys: Capture) -> None:
+    log = write_tlog(tmp_path / "flight: a.tlog")
+    place = tmp_path / "again"
+    assert main(["init", "again", "--in", str(place), "--from", str(log), "--profile"]) == 0
+    assert main(["validate", str(place / "campaign.yaml")]) == 0
+    assert "warning" not in capsys.readouterr().err
+    world = yaml.safe_load((place / "world.yaml").read_text())
+    assert world["origin"]["latitude_deg"] == pytest.approx(47.0, abs=1e-6)
+    assert world["origin"]["altitude_m"] == pytest.approx(500.0, abs=0.05)
+    text = (place / "campaign.yaml").read_text()
+    assert "# firmware: 1.16.2 (abcdef12)" in text
+    assert "# The embedded vehicle is a quadrotor" in text
+    campaign = yaml.safe_load(text)
+    assert campaign["vehicles"]["real"]["params"] == {"MPC_XY_CRUISE": 2.5}
+    assert campaign["vehicles"]["real"]["start"]["yaw_deg"] == 30.0
+    assert (place / "px4.params").read_text().splitlines()[1:] == [
+        "MPC_XY_CRUISE,2.5",
+        "SYS_AUTOSTART,4001",
+    ]
+    profile = yaml.safe_load((place / "profile.yaml").read_text())
+    assert profile["battery"]["full_v"] == 16.8
+    assert profile["battery"]["hover_current_a"] == 15.0
+
+
+def test_the_log_of_a_run_is_flown_again(fly_run: Fly, tmp_path: Path) -> None:
+    result, folder = fly_run(mode="sim", has_cameras=True)
+    assert result.verdict == "PASS"
+    place = tmp_path / "again"
+    assert main(["init", "again", "--in", str(place), "--from", str(folder)]) == 0
+    options = ["--mode", "sim", "--clock", "virtual", "--out", str(tmp_path / "out"), "--json"]
+    assert main(["run", str(place / "campaign.yaml"), *options]) == 0
+
+
+@pytest.mark.parametrize(
+    ("content", "text"),
+    [
+        (b"", "is empty"),
+        (b"hello, world, this is no log", "is no flight log that is known"),
+        (b"#ROSBAG V2.0\n", "is a bag of ROS 1; convert it"),
+        (b"SQLite format 3\0" + bytes(100), "is a bag of ROS 2 in SQLite; convert it"),
+        (b"ULog\x01\x12\x35\x01" + bytes(8), "tells nothing of a flight"),
+        (b"\xa3\x95\x80" + bytes(200), "has no message that tells of a flight"),
+        (b"\x89MCAP0\r\n" + bytes(64), "cannot be read as an MCAP file"),
+        (bytes(8) + b"\xfd" + bytes(300), "has no message of an autopilot"),
+    ],
+)
+def test_what_is_no_log(tmp_path: Path, capsys: Capture, content: bytes, text: str) -> None:
+    path = tmp_path / "log"
+    path.write_bytes(content)
+    assert main(["init", "again", "--in", str(tmp_path / "x"), "--from", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert text in said
+    assert "Traceback" not in said
+    assert not (tmp_path / "x").exists()
+
+
+@pytest.mark.parametrize("kind", ["tlog", "ulg", "bin", "mcap"])
+@pytest.mark.parametrize("share", [0.3, 0.9])
+def test_a_log_that_was_cut_off(tmp_path: Path, kind: str, share: float) -> None:
+    path = of_kind(kind, tmp_path)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * share)])
+    if kind == "mcap":  # its index is at its end
+        with pytest.raises(LogError, match=r"cannot be read as an MCAP file|was it cut off"):
+            read_log(path)
+    else:
+        assert len(read_log(path).track) >= share * 60
+
+
+def test_damage_in_a_tlog_is_skipped_and_reported(tmp_path: Path) -> None:
+    flight = read_log(write_tlog(tmp_path / "flight.tlog", damage=True))
+    assert any("bytes are damaged, and were skipped" in text for text in flight.problems)
+    assert len(flight.track) > 125
+
+
+def test_of_several_flights_the_longest_is_flown() -> None:
+    def flight(begin_s: float, up_s: int) -> list[TrackPoint]:
+        ups = [0.0, 0.0, *([2.0] * up_s), 0.0]
+        return [TrackPoint(begin_s + k, 1.5 * k, 0.0, up, 0.0) for k, up in enumerate(ups)]
+
+    track = [*flight(0, 5), *flight(100, 20)]
+    armed = [(0.0, True), (8.0, False), (100.0, True), (123.0, False)]
+    course = course_of(LoggedFlight(kind="", track=track, armed=armed))
+    assert course is not None
+    assert (course.flights, course.duration_s) == (2, 19.0)
+    assert course_of(LoggedFlight(kind="", track=track[:2])) is None
+
+
+def test_a_profile_needs_a_log(tmp_path: Path, capsys: Capture) -> None:
+    assert main(["init", "again", "--in", str(tmp_path), "--profile"]) == 2
+    assert "give --from LOG" in capsys.readouterr().err
+    assert main(["init", "again", "--in", str(tmp_path), "--from", str(tmp_path / "no")]) == 2
+    assert "No such file" in capsys.readouterr().err

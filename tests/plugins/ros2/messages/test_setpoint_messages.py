@@ -1,0 +1,109 @@
+"""Setpoints of messages: frames, headings, and what is none."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wil_campaign.plugins.ros2.messages.ros_messages import POSE, TRAJECTORY, TWIST
+from wil_campaign.plugins.ros2.messages.ros_types import ros_types
+from wil_campaign.plugins.ros2.messages.setpoint_messages import (
+    BadSetpointError,
+    setpoint_of,
+    stamp_of,
+)
+from wil_campaign.vehicles.setpoints import PositionSetpoint, VelocitySetpoint
+from wil_campaign.worlds.frames import Pose, quat_from_euler
+
+TYPES = ros_types("jazzy")
+NORTH = Pose((0.0, 0.0, -1.0))
+EAST = Pose((0.0, 0.0, -1.0), quat_from_euler(0.1, 0.2, math.pi / 2))
+
+
+def of(name: str, *fields: object) -> Any:
+    return TYPES.cls(name)(*fields)
+
+
+def header(frame: str, sec: int = 5) -> Any:
+    return of("std_msgs/msg/Header", of("builtin_interfaces/msg/Time", sec, 250), frame)
+
+
+def vector(*xyz: float, of_type: str = "Vector3") -> Any:
+    return of(f"geometry_msgs/msg/{of_type}", *xyz)
+
+
+def turned(w: float, z: float) -> Any:
+    return of("geometry_msgs/msg/Quaternion", 0.0, 0.0, z, w)
+
+
+def twist(frame: str, *linear: float, turn: float = 0.0) -> Any:
+    body = of("geometry_msgs/msg/Twist", vector(*linear), vector(0.0, 0.0, turn))
+    return of(TWIST, header(frame), body)
+
+
+def pose(frame: str, *place: float, w: float = 1.0, z: float = 0.0) -> Any:
+    at = of("geometry_msgs/msg/Pose", vector(*place, of_type="Point"), turned(w, z))
+    return of(POSE, header(frame), at)
+
+
+def trajectory(frame: str, transforms: list[Any], velocities: list[Any]) -> Any:
+    none = of("builtin_interfaces/msg/Duration", 0, 0)
+    kind = "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint"
+    return of(TRAJECTORY, header(frame), [], [of(kind, transforms, velocities, [], none)])
+
+
+@pytest.mark.parametrize("frame", ["", "map", "odom"])
+def test_a_velocity_of_the_world(frame: str) -> None:
+    found = setpoint_of(twist(frame, 1.0, 2.0, 3.0, turn=0.5), TWIST, EAST)
+    assert found == VelocitySetpoint((2.0, 1.0, -3.0), yaw_rate_rad_s=-0.5)
+
+
+def test_a_velocity_of_the_body_follows_its_heading() -> None:
+    found = setpoint_of(twist("base_link", 1.0, 0.5, 0.2), TWIST, EAST)
+    assert isinstance(found, VelocitySetpoint)
+    assert found.velocity_ned_m_s == pytest.approx((0.5, 1.0, -0.2))
+    assert found.yaw_rate_rad_s is None  # the heading stays
+
+
+def test_a_position_with_its_heading() -> None:
+    found = setpoint_of(pose("map", 1.0, 2.0, 3.0), POSE, NORTH)
+    assert isinstance(found, PositionSetpoint)
+    assert found.position_ned_m == (2.0, 1.0, -3.0)
+    assert found.yaw_rad == pytest.approx(math.pi / 2)  # w = 1 looks east
+
+
+def test_the_first_point_of_a_trajectory() -> None:
+    at = of("geometry_msgs/msg/Transform", vector(1.0, 2.0, 3.0), turned(1.0, 0.0))
+    moves = of("geometry_msgs/msg/Twist", vector(1.0, 0.0, 0.0), vector(0.0, 0.0, 0.0))
+    found = setpoint_of(trajectory("map", [at], [moves]), TRAJECTORY, NORTH)
+    assert isinstance(found, PositionSetpoint)
+    assert found.position_ned_m == (2.0, 1.0, -3.0)
+    moved = setpoint_of(trajectory("base_link", [], [moves]), TRAJECTORY, NORTH)
+    assert moved == VelocitySetpoint((1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("message", "kind", "text"),
+    [
+        (twist("map", float("nan"), 0.0, 0.0), TWIST, "is not finite: linear.x = nan"),
+        (twist("map", 0.0, 0.0, 0.0, turn=math.inf), TWIST, "is not finite: angular.z = inf"),
+        (twist("camera", 0.0, 0.0, 0.0), TWIST, "is in the frame 'camera': use map or base_link"),
+        (pose("base_link", 0.0, 0.0, 0.0), POSE, "positions are in map"),
+        (pose("map", 0.0, 0.0, 0.0, w=0.0), POSE, "orientation of length 0"),
+        (pose("map", 0.0, -math.inf, 0.0), POSE, "is not finite: position.y = -inf"),
+        (of(TRAJECTORY, header("map"), [], []), TRAJECTORY, "has no points"),
+        (trajectory("map", [], []), TRAJECTORY, "neither transforms nor velocities"),
+    ],
+)
+def test_what_is_no_setpoint(message: Any, kind: str, text: str) -> None:
+    with pytest.raises(BadSetpointError, match=text):
+        setpoint_of(message, kind, NORTH)
+
+
+def test_the_stamp_is_read_without_the_rest() -> None:
+    data = TYPES.serialize(twist("map", 0.0, 0.0, 0.0), TWIST)
+    assert stamp_of(data) == 5_000_000_250
+    big_endian = b"\0\0\0\0" + np.array([5, 250], ">u4").tobytes()
+    assert stamp_of(big_endian) == 5_000_000_250
+    assert stamp_of(b"\0\1") == 0

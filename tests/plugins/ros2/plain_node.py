@@ -1,0 +1,188 @@
+"""A node of ROS 2 without ROS: zenoh's keys and rosbags' CDR, in a process of its own.
+
+`python plain_node.py BEHAVIOUR`: what a test asks of it. It is what rmw_zenoh would put on the wire
+for a node that subscribes to /camera/image_raw and /odom and publishes /cmd_vel.
+"""
+
+import json
+import os
+import queue
+import struct
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import zenoh
+from rosbags.typesys import Stores, get_typestore
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+IMAGE = "sensor_msgs/msg/Image"
+ODOMETRY = "nav_msgs/msg/Odometry"
+TWIST = "geometry_msgs/msg/TwistStamped"
+DOMAIN = os.environ["ROS_DOMAIN_ID"]
+
+
+def of(name: str, *fields: object) -> Any:
+    return STORE.types[name](*fields)
+
+
+def key(topic: str, kind: str) -> str:
+    package, _, word = kind.split("/")
+    return f"{DOMAIN}{topic}/{package}::msg::dds_::{word}_/{STORE.hash_rihs01(kind)}"
+
+
+class Node:
+    """Subscriptions whose callbacks run one after the other, as in a single executor."""
+
+    def __init__(self) -> None:
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", json.dumps([os.environ["WIL_ZENOH_ENDPOINT"]]))
+        self.session = zenoh.open(config)
+        self._calls: queue.Queue[Callable[[], None]] = queue.Queue()
+        self._kept: list[Any] = []
+        self._sent = 0
+
+    def subscribe(self, topic: str, kind: str, call: Callable[[Any], None]) -> None:
+        def take(sample: Any) -> None:
+            message = STORE.deserialize_cdr(sample.payload.to_bytes(), kind)
+            self._calls.put(lambda: call(message))
+
+        self._kept.append(self.session.declare_subscriber(key(topic, kind), take))
+
+    def publisher(self, topic: str, kind: str, gid: int = 1) -> Callable[[Any], None]:
+        publisher = self.session.declare_publisher(key(topic, kind))
+
+        def publish(message: Any) -> None:
+            self._sent += 1
+            attachment = struct.pack("<qqB", self._sent, time.time_ns(), 16) + bytes([gid] * 16)
+            publisher.put(bytes(STORE.serialize_cdr(message, kind)), attachment=attachment)
+
+        return publish
+
+    def spin(self, is_done: Callable[[], bool]) -> None:
+        try:
+            while not is_done():
+                self._calls.get()()
+        finally:  # else its threads keep a process that crashed
+            self.session.close()  # type: ignore[no-untyped-call]  # of zenoh
+
+
+def twist(stamp: Any, forward: float, left: float, up: float, frame: str = "base_link") -> Any:
+    zero = of("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
+    linear = of("geometry_msgs/msg/Vector3", forward, left, up)
+    header = of("std_msgs/msg/Header", stamp, frame)
+    return of(TWIST, header, of("geometry_msgs/msg/Twist", linear, zero))
+
+
+class GateFlight:
+    """Sees the orange gate, flies through it, and ends the node: ENU, the vehicle heads north."""
+
+    SIZE_M = 1.2
+    HALF_FIELD = float(np.tan(np.radians(34.5)))
+
+    def __init__(self, node: Node, *, answers_images: bool) -> None:
+        self.position: Any = None
+        self.gate: Any = None
+        self.seen: list[Any] = []
+        self.done = False
+        self.answers_images = answers_images
+        self.publish = node.publisher("/cmd_vel", TWIST)
+        node.subscribe("/camera/image_raw", IMAGE, self.image)
+        node.subscribe("/odom", ODOMETRY, self.odometry)
+
+    def odometry(self, message: Any) -> None:
+        place = message.pose.pose.position
+        self.position = np.array([place.x, place.y, place.z])
+        self.publish(self.command(message.header.stamp))
+
+    def image(self, message: Any) -> None:
+        self.look(message)
+        if self.answers_images:
+            self.publish(self.command(message.header.stamp))
+
+    def look(self, message: Any) -> None:
+        if self.position is None:
+            return
+        blue, green, red = (
+            message.data.reshape(message.height, message.width, 3).astype(np.int16)[..., i]
+            for i in range(3)
+        )
+        rows, columns = np.nonzero((red - blue > 80) & (red - green > 40) & (green > blue))
+        if len(columns) < message.width * message.height / 768:
+            return
+        focal_px = message.width / 2 / self.HALF_FIELD
+        left, right = np.percentile(columns, [0.5, 99.5])
+        top, bottom = np.percentile(rows, [0.5, 99.5])
+        if left < 4 or right > message.width - 5 or top < 4 or bottom > message.height - 5:
+            return
+        ahead = focal_px * self.SIZE_M / (bottom - top)
+        if 0.9 < ahead < 5:
+            east = ahead * ((left + right) / 2 - (message.width - 1) / 2) / focal_px
+            up = -ahead * ((top + bottom) / 2 - (message.height - 1) / 2) / focal_px
+            self.seen.append([*(self.position + np.array([east, ahead, up]))])
+            self.gate = np.median(self.seen[-25:], axis=0)
+
+    def command(self, stamp: Any) -> Any:
+        if self.gate is None or self.position is None:
+            return twist(stamp, 0.0, 0.0, 0.0)
+        east, north, up = self.gate - self.position
+        is_aligned = abs(east) < 0.15 and abs(up) < 0.15
+        ahead = 0.4 if is_aligned or north < 0.8 else 0.25 if north > 1.3 else 0.0
+        self.done = self.done or north < -0.5
+        left = float(np.clip(-east, -0.5, 0.5))
+        return twist(stamp, ahead, left, float(np.clip(0.8 * up, -0.3, 0.3)))
+
+
+class StraightFlight:
+    """Flies ahead from its first odometry on, until it is a metre further north.
+
+    looks: it answers images, too, and its speed depends on all of them and on their order.
+    """
+
+    def __init__(self, node: Node, *, crashes: bool = False, looks: bool = False) -> None:
+        self.publish = node.publisher("/cmd_vel", TWIST)
+        self.north: float | None = None
+        self.crashes = crashes
+        self.done = False
+        self.speed = 0.5
+        if looks:
+            node.subscribe("/camera/image_raw", IMAGE, self.image)
+        node.subscribe("/odom", ODOMETRY, self.odometry)
+
+    def image(self, message: Any) -> None:
+        self.speed = 0.3 + 0.5 * (1 - self.speed) + float(np.mean(message.data)) / 10_000
+        self.publish(twist(message.header.stamp, self.speed, 0.0, 0.0))
+
+    def odometry(self, message: Any) -> None:
+        north = message.pose.pose.position.y
+        self.north = north if self.north is None else self.north
+        if self.crashes and north > self.north + 0.5:
+            raise RuntimeError("the node broke on its way")
+        self.done = north > self.north + 1.0
+        self.speed = 0.1 + 0.8 * self.speed
+        self.publish(twist(message.header.stamp, self.speed, 0.0, 0.0))
+
+
+def main(behaviour: str) -> int:
+    if behaviour == "dead":
+        sys.exit("the node has no model")
+    node = Node()
+    if behaviour == "deaf":
+        node.subscribe("/clock", "rosgraph_msgs/msg/Clock", lambda _: None)
+        node.spin(lambda: False)
+    if behaviour in {"straight", "crash", "looks"}:
+        straight = StraightFlight(node, crashes=behaviour == "crash", looks=behaviour == "looks")
+        node.spin(lambda: straight.done)
+        sys.stdout.write(f"flew to {os.environ['WIL_GOAL']} as {os.environ['WIL_VEHICLE']}\n")
+        return 0
+    flight = GateFlight(node, answers_images=behaviour == "answers")
+    node.spin(lambda: flight.done)
+    sys.stdout.write(f"saw the gate in {len(flight.seen)} images\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1] if len(sys.argv) > 1 else "plain"))

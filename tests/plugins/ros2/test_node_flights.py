@@ -1,0 +1,97 @@
+"""Nodes in processes of their own that fly in virtual time, over zenoh: time waits for them."""
+
+import sys
+from pathlib import Path
+
+from tests.orchestrator.conftest import Fly
+from tests.orchestrator.flights import all_landed, log_of
+from wil_campaign.orchestrator.model.results import RunResult
+
+NODE = Path(__file__).with_name("plain_node.py")
+STRAIGHT = "oracles={landed: {}, reached: {required: false}}"
+"""What a node is judged by that flies ahead, and not through the gate."""
+
+
+def node(behaviour: str, topics: str, start_s: float = 300) -> str:
+    """Return what `--set` says of a node. topics: those that it answers. All limits are patient."""
+    command = f"[{sys.executable}, {NODE}, {behaviour}]"
+    barrier = f"{{topics: [{topics}], timeout_s: 25}}"
+    return f"autonomy={{ros2: {{command: {command}, barrier: {barrier}, start_s: {start_s}}}}}"
+
+
+def counts(result: RunResult) -> dict[str, tuple[int, int]]:
+    assert result.outside is not None
+    (program,) = result.outside.programs
+    return {one.topic: (one.messages, one.delivered) for one in program.topics}
+
+
+def test_a_node_flies_through_the_gate(fly_run: Fly) -> None:
+    sets = (node("answers", "/camera/image_raw, /odom"),)
+    result, folder = fly_run(mode="sim", sets=sets, has_cameras=False)
+    assert result.verdict == "PASS", result.reason
+    assert all_landed(folder)
+    published, delivered = counts(result)["/camera/image_raw"]
+    assert delivered > 100
+    assert published - delivered < 40  # of those after the node's end
+    assert "saw the gate in" in (folder / "twin-node.log").read_text("utf-8")
+
+
+def test_a_node_flies_the_same_way_twice(fly_run: Fly) -> None:
+    """It answers images and odometry, and its speed depends on all of them and on their order."""
+    sets = (node("looks", "/camera/image_raw, /odom"), STRAIGHT)
+    flown = [fly_run(mode="sim", sets=sets, has_cameras=False) for _ in range(2)]
+    for result, _ in flown:
+        assert result.verdict == "PASS", result.reason
+        assert counts(result)["/camera/image_raw"][1] > 10
+    first, second = (folder for _, folder in flown)
+    for name in ("trajectory.csv", "judged.msgpack"):
+        assert (first / name).read_bytes() == (second / name).read_bytes(), name
+
+
+def test_a_node_that_breaks_in_flight_fails_the_run_with_its_last_lines(fly_run: Fly) -> None:
+    result, folder = fly_run(mode="sim", sets=(node("crash", "/odom"),))
+    assert result.verdict == "FAIL"
+    assert "ended with exit code 1 by itself" in result.reason
+    assert "RuntimeError: the node broke on its way" in result.reason
+    assert all_landed(folder)
+    assert result.outside is not None
+    assert "the node broke on its way" in result.outside.programs[0].exit
+
+
+def test_a_node_that_ends_at_once_is_named_before_anything_arms(fly_run: Fly) -> None:
+    result, folder = fly_run(mode="sim", sets=(node("dead", "/odom"),))
+    assert result.verdict == "FAIL"
+    assert result.reason.startswith("the autonomy of twin is a node that ended with exit code 1")
+    assert result.reason.endswith("before it was ready: the node has no model")
+    assert not any(line.get("stage") == "takeoff" for line in log_of(folder))
+
+
+def test_a_node_that_never_subscribes_is_named_before_anything_arms(fly_run: Fly) -> None:
+    result, folder = fly_run(mode="sim", sets=(node("deaf", "/odom", start_s=1),))
+    assert result.verdict == "ERROR"
+    assert "is a node that has not subscribed to /odom within 1 s" in result.reason
+    assert not any(line.get("stage") == "takeoff" for line in log_of(folder))
+
+
+def test_topics_that_are_not_published_are_named(fly_run: Fly) -> None:
+    result, _ = fly_run(mode="sim", sets=(node("straight", "/lidar/scan"),))
+    assert result.verdict == "ERROR"
+    assert "autonomy.ros2.barrier.topics: nothing is published on /lidar/scan" in result.reason
+    assert "/camera/image_raw" in result.reason  # what is
+
+
+def test_a_node_that_does_not_answer_what_it_should_is_named(fly_run: Fly) -> None:
+    """It answers odometry, and is asked to answer poses, to which nobody subscribes."""
+    barrier = "/odom, /pose"
+    result, _ = fly_run(mode="sim", sets=(node("straight", barrier, start_s=2),))
+    assert result.verdict == "ERROR"
+    assert "is a node that has not subscribed to " in result.reason
+    assert "/pose within 2 s" in result.reason
+
+
+def test_a_shadow_flies_the_setpoints_of_a_node(fly_run: Fly) -> None:
+    sets = (node("straight", "/odom"), "vehicles.twin.coupling=shadow", STRAIGHT)
+    result, folder = fly_run(mode="wil", sets=sets)
+    assert result.verdict in {"PASS", "INVALID"}, result.reason  # it never looks at the gate
+    assert "flew to" in (folder / "real-node.log").read_text("utf-8")
+    assert counts(result)["/cmd_vel"][1] > 20

@@ -1,0 +1,28 @@
+"""The result of a node has its topics; that of a program has the fields that it always had."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+from tests.orchestrator.reading.flown_campaign import Flight
+from wil_campaign.orchestrator.model.document_writer import to_json
+from wil_campaign.orchestrator.model.external_results import (
+    ExternalResult,
+    ProgramResult,
+    TopicResult,
+)
+from wil_campaign.orchestrator.model.results_reader import read_result
+
+
+def test_results_of_nodes_and_of_programs_are_read_as_they_were_written(tmp_path: Path) -> None:
+    ended = "ended with exit code 0 by itself"
+    program = ProgramResult("twin", ended, 0)
+    topic = TopicResult("/odom", "nav_msgs/msg/Odometry", "out", 9, 8)
+    outside = ExternalResult(programs=(replace(program, topics=(topic,)), program))
+    result = replace(Flight(case="default", mode="sim", rep=1).result(), outside=outside)
+    path = tmp_path / "result.json"
+    path.write_text(to_json(result))
+    assert read_result(path) == result
+    written = json.loads(path.read_text())["outside"]["programs"]
+    assert written[0]["topics"][0]["delivered"] == 8
+    assert [*written[1]] == ["vehicle", "exit", "refused", "trouble", "video"]

@@ -1,0 +1,121 @@
+"""What a campaign may say of a node, and what is found wrong without starting it."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.orchestrator.hover import write_hover
+from wil_campaign.campaigns.expansion.expansion import load_campaign
+from wil_campaign.campaigns.schema import campaign_model
+from wil_campaign.orchestrator.cli.clock_choice import clock_for, shared_of
+from wil_campaign.plugins.ros2.domains import claimed_domain
+from wil_campaign.plugins.ros2.ros2_part import Ros2Part
+from wil_campaign.plugins.ros2.wire import WireError
+from wil_campaign.worlds.files.documents import BadInput
+
+
+def node_file(tmp_path: Path, text: str) -> Path:
+    """Return a campaign whose autonomy is a node. text: the value of `ros2`."""
+    file = write_hover(tmp_path)
+    source = file.read_text("utf-8")
+    old = next(line for line in source.splitlines() if line.startswith("autonomy:"))
+    file.write_text(source.replace(old, f"autonomy: {{ros2: {text}}}"), "utf-8")
+    return file
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("{}", "give one of command: [PROGRAM, ...], run:"),
+        ("{command: [a], launch: b.py}", "there are command, launch"),
+        ("{command: [no-such-program]}", "there is no program 'no-such-program'"),
+        ("{command: [./no.py]}", "there is no program './no.py'"),
+        ("{command: [./plain.txt]}", "'./plain.txt' is not executable: chmod +x it"),
+        ("{found: true}", "give the domain of the node, too"),
+        ("{command: [sh], domain: 102}", "101"),
+        ("{command: [sh], topics: {cmd_vel: /a}}", "'cmd_vel' is no topic"),
+        ("{command: [sh], topics: {/cmd_vel: /a b}}", "'/a b' is no topic"),
+        ("{command: [sh], barrier: {topics: []}}", "barrier"),
+        ("{command: [sh], python: p}", "has no effect with the wire zenoh"),
+        ("{command: [sh], wire: rclpy, python: no-python}", "there is no program 'no-python'"),
+        ("{command: [sh], nodes: 2}", "nodes"),
+        ("{run: [package, executable]}", "source the setup.bash of ROS 2 first"),
+        ("{launch: no.launch.py}", "there is no file 'no.launch.py' beside the campaign"),
+    ],
+)
+def test_faults_are_named_before_anything_starts(tmp_path: Path, text: str, fault: str) -> None:
+    file = node_file(tmp_path, text)
+    (tmp_path / "plain.txt").write_text("")
+    with pytest.raises(BadInput) as caught:
+        load_campaign(file)
+    assert fault in str(caught.value)
+    assert f"{file}:" in str(caught.value)
+
+
+def test_use_beside_a_node_is_refused(tmp_path: Path) -> None:
+    file = node_file(tmp_path, "{command: [sh]}, use: gate")
+    with pytest.raises(BadInput, match="has no effect with a ROS 2 node"):
+        load_campaign(file)
+
+
+def test_a_node_has_a_rate_and_the_limit_of_a_call_and_is_not_built(tmp_path: Path) -> None:
+    file = node_file(tmp_path, "{command: [sh]}, rate_hz: 10, limits: {call_s: 20}")
+    (setup,) = load_campaign(file).setups.values()
+    assert (setup.under_test.rate_hz, setup.under_test.limits.call_s) == (10, 20)
+    file = node_file(tmp_path, "{command: [sh]}, limits: {build_s: 20}")
+    with pytest.raises(BadInput, match="build_s"):
+        load_campaign(file)
+
+
+@pytest.mark.parametrize(
+    ("text", "clock", "shared"),
+    [
+        ("{command: [sh]}", "wall", ()),
+        ("{command: [sh], barrier: {topics: [/odom]}}", "virtual", ()),
+        ("{found: true, domain: 3}", "wall", ("the ROS 2 node in domain 3",)),
+    ],
+)
+def test_the_clock_follows_from_what_time_waits_for(
+    tmp_path: Path, text: str, clock: str, shared: tuple[str, ...]
+) -> None:
+    campaign = load_campaign(node_file(tmp_path, text))
+    assert clock_for(campaign, None) == clock
+    assert shared_of(campaign) == shared
+
+
+def test_a_node_without_a_barrier_does_not_fly_in_virtual_time(tmp_path: Path) -> None:
+    campaign = load_campaign(node_file(tmp_path, "{command: [sh]}"))
+    with pytest.raises(
+        BadInput, match=r"the ROS 2 node sh \(without a barrier\) runs in real time"
+    ):
+        clock_for(campaign, "virtual")
+
+
+@pytest.mark.parametrize(
+    ("given", "argv"),
+    [
+        ({"command": ["python3", "n.py"]}, ("python3", "n.py")),
+        ({"run": ["pkg", "node"]}, ("ros2", "run", "pkg", "node")),
+        ({"launch": "a.launch.py"}, ("ros2", "launch", "a.launch.py")),
+        ({"found": True, "domain": 0}, ()),
+    ],
+)
+def test_how_a_node_is_started(given: dict[str, Any], argv: tuple[str, ...]) -> None:
+    assert Ros2Part.model_validate(given).argv == argv
+
+
+def test_the_model_of_campaigns_has_the_key() -> None:
+    assert "ros2" in campaign_model().model_fields["autonomy"].annotation.model_fields  # type: ignore[union-attr]  # a class
+
+
+def test_two_runs_never_have_one_domain() -> None:
+    with claimed_domain(None) as first, claimed_domain(None) as second:
+        assert first != second
+        with (
+            pytest.raises(WireError, match=f"domain {first} of ROS is in use by another run"),
+            claimed_domain(first),
+        ):
+            pass
+    with claimed_domain(first) as again:
+        assert again == first

@@ -1,0 +1,299 @@
+"""history: campaigns over time, flaky told apart from stochastic, a file that outlives folders."""
+
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.orchestrator.model.test_flown_firmware import BOARD
+from tests.orchestrator.reading.flown_campaign import flights, write_flown, write_searched
+from tests.orchestrator.report.rendering.test_overview import CLEAR, FAST, judged
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.model.document_writer import to_json
+from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.plugins.statistics.history.records import records_of
+
+Capture = pytest.CaptureFixture[str]
+HOSTILE = "<script>alert(1)</script>\x1b[31m"
+
+
+def flown(tmp_path: Path, day: int, verdicts: str, **more: Any) -> Path:
+    spread = [0.01 * n for n in range(len(verdicts))]
+    return write_flown(
+        tmp_path / f"results/gate/2026110{day}",
+        flights("a", "wil", verdicts, spread),
+        started_utc=f"2026-11-0{day}T10:00:00Z",
+        with_motion=False,
+        **more,
+    )
+
+
+def shown(capsys: Capture, *arguments: object, code: int = 0) -> dict[str, Any]:
+    assert main(["history", *map(str, arguments), "--json"]) == code
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def test_campaigns_stand_in_their_order_with_their_figures(tmp_path: Path, capsys: Capture) -> None:
+    flown(tmp_path, 2, "PFP", version="1.1")
+    flown(tmp_path, 1, "PPPI", version="1.0")
+    rows = shown(capsys, tmp_path / "results")["rows"]
+    assert [(row["started_utc"][:10], row["version"]) for row in rows] == [
+        ("2026-11-01", "1.0"),
+        ("2026-11-02", "1.1"),
+    ]
+    assert [(row["passed"], row["flown"], row["unproven"]) for row in rows] == [
+        (3, 3, 1),
+        (2, 3, 0),
+    ]
+    assert rows[0]["margin"] == pytest.approx(0.29)
+    assert rows[0]["duration_s"] == pytest.approx(10.01)
+
+
+def test_a_line_has_the_first_digits_of_the_commit(tmp_path: Path, capsys: Capture) -> None:
+    for day, letter in ((1, "a"), (2, "b")):
+        flown(tmp_path, day, "PFP", version=f"1.0 (commit {letter * 40}-dirty, code {'c' * 16})")
+    rows = shown(capsys, tmp_path / "results")["rows"]
+    assert [row["version"] for row in rows] == [
+        f"1.0 (commit {letter * 12}-dirty, code {'c' * 16})" for letter in "ab"
+    ]
+
+
+@pytest.mark.parametrize("folder", ["results", "results/gate", "results/gate/search"])
+def test_a_search_is_no_campaign_of_the_history(
+    tmp_path: Path, capsys: Capture, folder: str
+) -> None:
+    flown(tmp_path, 1, "PPP")
+    write_searched(tmp_path / "results/gate", started_utc="2026-11-02T10:00:00Z")
+    if folder.endswith("search"):
+        assert main(["history", str(tmp_path / folder)]) == 2
+        assert "no flights of a campaign in" in capsys.readouterr().err
+    else:
+        rows = shown(capsys, tmp_path / folder)["rows"]
+        assert [(row["case"], row["passed"]) for row in rows] == [("a", 3)]
+
+
+def test_flaky_is_the_same_seed_and_stochastic_is_another(tmp_path: Path, capsys: Capture) -> None:
+    flown(tmp_path, 1, "PFP")
+    flown(tmp_path, 2, "PFF")
+    varied = shown(capsys, tmp_path / "results")["variations"]
+    assert [one["kind"] for one in varied] == ["flaky", "stochastic"]
+    assert varied[0]["text"].startswith("seed 103: PASS in 2026-11-01T10:00:00Z #3, FAIL in")
+    assert "2 seeds" not in varied[1]["text"]
+
+
+@pytest.mark.parametrize(
+    ("change", "kinds"),
+    [
+        ({"version": "2.0"}, ["stochastic", "stochastic"]),
+        ({"documents": lambda _: "sha256:1"}, ["stochastic", "stochastic"]),
+        ({"clock": "wall"}, ["stochastic", "stochastic"]),
+        ({}, ["flaky", "stochastic"]),
+    ],
+)
+def test_other_inputs_are_not_the_same_flight(
+    tmp_path: Path, capsys: Capture, change: dict[str, Any], kinds: list[str]
+) -> None:
+    flown(tmp_path, 1, "PFP")
+    flown(tmp_path, 2, "PFF", **change)
+    varied = shown(capsys, tmp_path / "results")["variations"]
+    assert [one["kind"] for one in varied] == kinds
+
+
+def test_on_the_wall_clock_nothing_is_called_flaky(tmp_path: Path, capsys: Capture) -> None:
+    flown(tmp_path, 1, "PPP", clock="wall")
+    flown(tmp_path, 2, "PPF", clock="wall")
+    (one,) = shown(capsys, tmp_path / "results")["variations"]
+    assert one["kind"] == "stochastic"
+    assert "a seed does not repeat a flight" in one["text"]
+
+
+def test_a_file_keeps_what_folders_lose_and_takes_nothing_twice(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    keep = tmp_path / "history.jsonl"
+    first = flown(tmp_path, 1, "PPP")
+    shown(capsys, tmp_path / "results", "--keep", keep)
+    first.rename(tmp_path / "gone")
+    flown(tmp_path, 2, "PPF")
+    rows = shown(capsys, tmp_path / "results", "--keep", keep)["rows"]
+    assert [row["passed"] for row in rows] == [3, 2]
+    shown(capsys, tmp_path / "results", "--keep", keep)
+    assert len(keep.read_text().splitlines()) == 6
+
+
+def test_a_flight_that_was_flown_again_counts_as_it_ended_last(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    keep = tmp_path / "history.jsonl"
+    shutil.rmtree(shown_once(tmp_path, capsys, keep, "PPI", code=3, stopped="signal"))
+    shutil.rmtree(shown_once(tmp_path, capsys, keep, "PPF"))
+    lines = [json.loads(line) for line in keep.read_text().splitlines()]
+    assert [one["verdict"] for one in lines[2::3]] == ["INVALID", "FAIL"]
+    (row,) = shown(capsys, tmp_path / "results", "--keep", keep)["rows"]
+    assert (row["passed"], row["flown"], row["unproven"], row["ending"]) == (2, 3, 0, "")
+    assert len(keep.read_text().splitlines()) == 6
+    # An older copy of the folder is no news.
+    shutil.rmtree(tmp_path / "results")
+    flown(tmp_path, 1, "PPI", stopped="signal")
+    (row,) = shown(capsys, tmp_path / "results", "--keep", keep, code=3)["rows"]
+    assert (row["passed"], row["flown"], row["unproven"]) == (2, 3, 0)
+
+
+def shown_once(
+    tmp_path: Path, capsys: Capture, keep: Path, verdicts: str, *, code: int = 0, **more: Any
+) -> Path:
+    folder = flown(tmp_path, 1, verdicts, **more)
+    shown(capsys, tmp_path / "results", "--keep", keep, code=code)
+    return folder
+
+
+def test_two_machines_that_start_in_one_second_are_two_campaigns(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    keep = tmp_path / "history.jsonl"
+    shutil.rmtree(shown_once(tmp_path, capsys, keep, "PPP", host="one"))
+    shutil.rmtree(shown_once(tmp_path, capsys, keep, "PFF", host="two"))
+    rows = shown(capsys, tmp_path / "results", "--keep", keep)["rows"]
+    assert [(row["passed"], row["flown"]) for row in rows] == [(3, 3), (1, 3)]
+
+
+def test_a_line_of_an_earlier_version_is_the_same_flight(tmp_path: Path, capsys: Capture) -> None:
+    keep = tmp_path / "history.jsonl"
+    shown_once(tmp_path, capsys, keep, "PPF")
+    lines = [json.loads(line) for line in keep.read_text().splitlines()]
+    for one in lines:
+        del one["host"]
+    keep.write_text("".join(json.dumps(one) + "\n" for one in lines))
+    (row,) = shown(capsys, tmp_path / "results", "--keep", keep)["rows"]
+    assert row["flown"] == 3
+
+
+def test_the_page_acts_on_nothing_from_a_file(tmp_path: Path, capsys: Capture) -> None:
+    flown(tmp_path, 1, "PFP", version=HOSTILE)
+    page = tmp_path / "history.html"
+    assert main(["history", str(tmp_path / "results"), "--page", str(page)]) == 0
+    outcome = capsys.readouterr()
+    assert "\x1b" not in outcome.out
+    text = page.read_text()
+    assert "<script" not in text
+    assert "&lt;script&gt;" in text
+    assert "stochastic" in text
+    assert not re.search(r'(src|href)="(?!data:,)', text)
+
+
+@pytest.mark.parametrize("content", ["{", '{"campaign": "gate"}', "\udce9"])
+def test_a_damaged_file_is_named_with_its_line(
+    tmp_path: Path, capsys: Capture, content: str
+) -> None:
+    keep = tmp_path / "history.jsonl"
+    keep.write_bytes(content.encode("utf-8", "surrogateescape"))
+    assert main(["history", str(flown(tmp_path, 1, "PP")), "--keep", str(keep)]) == 2
+    assert "history.jsonl" in capsys.readouterr().err
+    assert keep.read_bytes() == content.encode("utf-8", "surrogateescape")
+
+
+def test_a_campaign_that_did_not_come_to_its_end_is_named(tmp_path: Path, capsys: Capture) -> None:
+    stopped = flown(tmp_path, 1, "PPP", stopped="command")
+    flown(tmp_path, 2, "PPP")
+    keep, page = tmp_path / "history.jsonl", tmp_path / "page.html"
+    command = ["history", str(tmp_path / "results"), "--keep", str(keep), "--page", str(page)]
+    assert main(command) == 3
+    outcome = capsys.readouterr()
+    said = "stopped by an operator's command"
+    assert f"gate of 2026-11-01T10:00:00Z: {said}" in outcome.out
+    assert "gate of 2026-11-02" not in outcome.out
+    assert outcome.err == f"{stopped}: {said}\n"
+    assert "stopped by an operator" in page.read_text()
+    # The file keeps it when the folder is gone, and an old line of it does not say.
+    shutil.rmtree(tmp_path / "results")
+    flown(tmp_path, 3, "PPP", broken=None)
+    lines = keep.read_text().splitlines()
+    old = {key: one for key, one in json.loads(lines[-1]).items() if key != "ending"}
+    keep.write_text("\n".join([*lines[:3], json.dumps(old)]) + "\n")
+    assert main(command) == 0
+    text = capsys.readouterr().out
+    assert f"gate of 2026-11-01T10:00:00Z: {said}" in text
+    assert "gate of 2026-11-02T10:00:00Z: how it ended is unknown" in text
+    assert "gate of 2026-11-03T10:00:00Z: summary.json does not record the end" in text
+
+
+def test_nothing_to_show_and_damaged_folders(tmp_path: Path, capsys: Capture) -> None:
+    (tmp_path / "results").mkdir()
+    assert main(["history", str(tmp_path / "results")]) == 2
+    assert main(["history", str(tmp_path / "nowhere")]) == 2
+    assert "nowhere is not a folder" in capsys.readouterr().err
+    folder = flown(tmp_path, 1, "PP")
+    (folder / "a/wil/2/result.json").write_text("{")
+    (folder / "summary.json").unlink()
+    assert main(["history", str(tmp_path / "results")]) == 3
+    outcome = capsys.readouterr()
+    assert "1/1" in outcome.out
+    assert "a/wil/2: result.json is truncated" in outcome.err
+
+
+def test_flights_by_other_settings_are_not_of_one_line(tmp_path: Path, capsys: Capture) -> None:
+    """A weaker limit makes passes of failures: the curve is another one from there on."""
+    limits = [{"max_m": 2.3}, {"max_m": 2.3}, {"max_m": 5.0}]
+    for day, limit in enumerate(limits, 1):
+        flown(tmp_path, day, "PPF", document={"oracles": {"altitude": limit}, "description": day})
+    rows = shown(capsys, tmp_path / "results", "--page", tmp_path / "page.html")["rows"]
+    assert [row["is_other"] for row in rows] == [False, False, True]
+    assert rows[0]["settings"] == rows[1]["settings"] != rows[2]["settings"]
+    page = (tmp_path / "page.html").read_text()
+    assert (page.count("<polyline"), page.count("other settings than before")) == (2, 1)
+    assert main(["history", str(tmp_path / "results")]) == 0
+    said = "other settings than before: gate a wil from 2026-11-03T10:00:00Z on\n"
+    assert said in capsys.readouterr().out
+
+
+def test_the_history_keeps_metres_in_which_flights_are_compared(tmp_path: Path) -> None:
+    folder = write_flown(tmp_path / "a", flights("a", "wil", "F"), with_motion=False)
+    (folder / "a/wil/1/result.json").write_text(to_json(judged(CLEAR, FAST)))
+    (record,) = records_of(read_campaign(folder))
+    assert record.margin == 0.4
+
+
+def with_firmware(tmp_path: Path, day: int, version: str | None, verdicts: str = "PP") -> Path:
+    firmware = () if version is None else (replace(BOARD, version=version),)
+    return write_flown(
+        tmp_path / f"results/gate/2026110{day}",
+        flights("a", "wil", verdicts, [0.0, 0.1], firmware=firmware),
+        started_utc=f"2026-11-0{day}T10:00:00Z",
+        with_motion=False,
+    )
+
+
+def test_another_firmware_is_marked(tmp_path: Path, capsys: Capture) -> None:
+    for day, version in enumerate((None, "4.6.1", "4.6.1", "4.6.2"), 1):
+        with_firmware(tmp_path, day, version)
+    rows = shown(capsys, tmp_path / "results")["rows"]
+    assert [row["other_firmware"] for row in rows] == [False, False, False, True]
+    assert [row["is_other"] for row in rows] == [False] * 4
+    assert rows[3]["firmware"].startswith("real: ardupilot 4.6.2")
+    page = tmp_path / "history.html"
+    assert main(["history", str(tmp_path / "results"), "--page", str(page)]) == 0
+    assert "other firmware than before: gate a wil from 2026-11-04" in capsys.readouterr().out
+    assert page.read_text().count("other firmware than before") == 1
+    assert page.read_text().count("<polyline") == 2
+
+
+def test_another_firmware_is_no_flake(tmp_path: Path, capsys: Capture) -> None:
+    with_firmware(tmp_path, 1, "4.6.1", "PP")
+    with_firmware(tmp_path, 2, "4.6.2", "FP")
+    varied = shown(capsys, tmp_path / "results")["variations"]
+    assert [one["kind"] for one in varied] == ["stochastic"]
+    with_firmware(tmp_path, 3, "4.6.2", "PP")
+    varied = shown(capsys, tmp_path / "results")["variations"]
+    assert [one["kind"] for one in varied][:1] == ["flaky"]
+
+
+def test_a_line_of_an_earlier_version_keeps_its_inputs(tmp_path: Path) -> None:
+    (old, *_) = records_of(read_campaign(with_firmware(tmp_path, 1, None)))
+    (new, *_) = records_of(read_campaign(with_firmware(tmp_path, 2, "4.6.1")))
+    assert (old.firmware, old.inputs) == ("", "64fd6ecdec068cf7")
+    assert new.inputs != old.inputs

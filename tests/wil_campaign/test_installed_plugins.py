@@ -1,0 +1,740 @@
+"""Plugins: found, listed, refused by name, and none is needed to fly."""
+
+import dataclasses
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.orchestrator.hover import write_hover
+from tests.orchestrator.reading.flown_campaign import flights, write_flown
+from tests.test_house import ROOT
+from wil_campaign import hooks, installed_plugins
+from wil_campaign.campaigns.schema import campaign_model
+from wil_campaign.campaigns.schema.autonomy import autonomy_model
+from wil_campaign.installed_plugins import SHIPPED, absent, added, installed, load
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.report.campaign_report import write_report
+from wil_campaign.recipes.model.registry import steps
+from wil_campaign.safety.oracles.registry import oracle_kinds
+
+HOOKS = {
+    "autonomy_kinds",
+    "campaign_keys",
+    "commands",
+    "drivers",
+    "engines",
+    "live_views",
+    "operator_channels",
+    "oracles",
+    "recipe_formats",
+    "recipe_steps",
+    "report_sections",
+    "run_observers",
+    "run_options",
+    "sources",
+    "starters",
+    "vehicle_checks",
+}
+CORE = ("orchestrator", "vehicles", "recipes", "campaigns", "safety", "worlds", "wil_campaign")
+SONAR = '''
+from wil_campaign.hooks import Command, implements
+
+
+@implements
+def commands():
+    return (Command("ping", "wil_sonar:ping", "Send a ping."),)
+
+
+def ping(times: int = 1) -> int:
+    """Send a ping."""
+    print("ping " * times)
+    return 5
+'''
+FARM = """
+from contextlib import contextmanager
+
+from wil_campaign.hooks import Engine, implements
+
+
+@implements
+def engines():
+    names = ("wil_sonar:check", "wil_sonar:start", "wil_sonar:start")
+    return (Engine("farm", "farm://NAME", *names),)
+
+
+def check(text):
+    from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
+
+    if text != "farm://a":
+        raise EngineError(f"--engine {text}: there is no such farm", 2)
+
+
+@contextmanager
+def start(campaign, options, cleared, **_):
+    print("on", options.engine)
+    yield cleared
+"""
+Install = Callable[[str], None]
+
+
+def put_distribution(folder: Path, name: str, point: str, files: Mapping[str, str]) -> None:
+    """Install a distribution with one plugin beneath a folder of the path, as pip does."""
+    facts = folder / f"wil_{name}-1.2.dist-info"
+    facts.mkdir()
+    (facts / "METADATA").write_text(f"Metadata-Version: 2.1\nName: wil-{name}\nVersion: 1.2\n")
+    (facts / "entry_points.txt").write_text(f"[wil_campaign]\n{name} = {point}\n")
+    for file, source in files.items():
+        (folder / file).parent.mkdir(exist_ok=True)
+        (folder / file).write_text(source)
+
+
+def fly(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """Fly by a program of its own: a fork server of ours knows no plugin that came later."""
+    return subprocess.run(  # noqa: S603 - our own interpreter
+        [sys.executable, "-P", "-m", "wil_campaign", "run", *words],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def forget_plugins() -> None:
+    installed_plugins._registered.cache_clear()
+    campaign_model.cache_clear()
+    autonomy_model.cache_clear()
+    oracle_kinds.cache_clear()
+    steps.cache_clear()
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
+    """Return a function that installs a distribution with a plugin, whose source is given."""
+
+    def write(source: str) -> None:
+        put_distribution(tmp_path, "sonar", "wil_sonar", {"wil_sonar.py": source})
+        monkeypatch.syspath_prepend(tmp_path)
+        monkeypatch.delitem(sys.modules, "wil_sonar", raising=False)
+        forget_plugins()
+
+    yield write
+    forget_plugins()
+
+
+def test_the_table_of_what_ships_is_what_the_plugins_add() -> None:
+    """By it a tree without a plugin names the plugin."""
+    shipped = {one.name: one.adds for one in installed() if one.origin == "shipped"}
+    assert shipped == SHIPPED
+    assert set(shipped) == {path.parent.name for path in (ROOT / "plugins").glob("*/__init__.py")}
+
+
+@pytest.mark.parametrize("hook", sorted(HOOKS))
+def test_what_a_shipped_plugin_names_is_there(hook: str) -> None:
+    additions: Mapping[str, Any] = added(getattr(hooks, hook))
+    for addition in additions.values():
+        for value in dataclasses.asdict(addition).values():
+            if isinstance(value, str) and re.fullmatch(r"[\w.]+:\w+", value):
+                assert load(value) is not None, value
+
+
+def test_each_hook_is_tested_here() -> None:
+    manager, _ = installed_plugins._registered()
+    named = {name for name in vars(manager.hook) if not name.startswith("_")}
+    assert named == HOOKS
+
+
+def test_no_module_of_the_core_names_a_plugin() -> None:
+    """import-linter sees imports alone; the core could also name a module in a string.
+
+    `wil_campaign` has public names of plugins, whose types checkers have to see.
+    """
+    found = [
+        path.relative_to(ROOT)
+        for folder in CORE
+        for path in (ROOT / folder).rglob("*.py")
+        if not path.is_relative_to(ROOT / "wil_campaign" / "plugins")
+        and path != ROOT / "wil_campaign" / "__init__.py"
+        and "wil_campaign.plugins." in path.read_text("utf-8")
+    ]
+    assert found == []
+
+
+def test_the_program_starts_without_what_its_plugins_do() -> None:
+    code = "import sys; from wil_campaign.orchestrator.cli import build_app; build_app(); "
+    code += "print(*sys.modules)"
+    done = subprocess.run(  # noqa: S603 - our own interpreter
+        [sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True
+    )
+    found = set(done.stdout.split())
+    ours = {name for name in found if name.startswith("wil_campaign.plugins.")}
+    assert ours == {
+        f"wil_campaign.plugins.{name}{end}" for name in SHIPPED for end in ("", ".plugin")
+    }
+    assert not found & {"numpy", "pydantic", "cv2", "yaml", "asyncio", "importlib.metadata"}
+
+
+def test_a_plugin_of_another_distribution_is_listed_and_its_command_runs(
+    install: Install, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install(SONAR)
+    assert main(["list", "plugins", "--json"]) == 0
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
+    assert rows["sonar"] == {"name": "sonar", "origin": "wil-sonar 1.2", "adds": "commands: ping"}
+    assert rows["calibration"]["origin"] == "shipped"
+    assert main(["ping", "--times", "2"]) == 5
+    assert "ping ping" in capsys.readouterr().out
+
+
+def test_runs_fly_by_an_engine_of_another_distribution(
+    install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install(FARM)
+    words = ["run", str(write_hover(tmp_path)), "--mode", "sim", "--out", str(tmp_path / "out")]
+    assert main([*words, "--engine", "farm://b"]) == 2
+    assert "--engine farm://b: there is no such farm" in capsys.readouterr().err
+    assert main([*words, "--engine", "rai"]) == 2
+    said = capsys.readouterr().err
+    assert "--engine rai: must be local, ray or ray://HOST:PORT, farm://NAME" in said
+    assert main([*words, "--engine", "farm://a", "--store", "s3://b/p"]) == 2
+    assert "--store: --engine farm://a uses none; leave --store out" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    assert main([*words, "--engine", "farm://a"]) == 0
+    assert "on farm://a" in capsys.readouterr().out
+
+
+CHECK = """
+from wil_campaign.hooks import VehicleCheck, implements
+
+
+@implements
+def vehicle_checks():
+    return (VehicleCheck("ping", "wil_sonar:ping", "Ping it."),)
+
+
+def ping(link, *, arm_real, results, as_json):
+    print("pinged", link, arm_real, results, as_json)
+    return 1
+"""
+
+
+def test_a_check_of_another_distribution_is_an_option_of_doctor(
+    install: Install, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install(CHECK)
+    link = ["doctor", "--vehicle", "udpin://127.0.0.1:14540"]
+    assert main([*link, "--ping", "--out", "there"]) == 1
+    assert "pinged udpin://127.0.0.1:14540 False there False" in capsys.readouterr().out
+    assert main([*link, "--ping", "--fly"]) == 2
+    assert "--fly and --ping: one check at a time" in capsys.readouterr().err
+
+
+SECTIONS = """
+from wil_campaign.hooks import ReportSection, Section, implements
+
+
+@implements
+def report_sections():
+    return [ReportSection("depths", "wil_sonar:depths"), ReportSection("deaf", "wil_sonar:deaf")]
+
+
+def depths(folder, campaign):
+    shown = f"<p>depths of {campaign.name}</p>"
+    return Section(shown, ("no echo",), {"depths.json": "[7]"}, f"7 m in {folder.name}")
+
+
+def deaf(folder, campaign):
+    raise OSError("no sound")
+"""
+
+
+def test_a_plugin_adds_a_section_to_the_report(install: Install, tmp_path: Path) -> None:
+    """One that fails is left out and named; the page is whole without it."""
+    folder = write_flown(tmp_path / "a", flights("a", "sim", "PP"), with_motion=False)
+    plain = write_report(folder).path.read_text("utf-8")
+    install(SECTIONS)
+    found = write_report(folder, out=tmp_path / "other.html")
+    assert not (folder / "depths.json").exists()
+    assert found == write_report(folder, out=tmp_path / "other.html")
+    assert write_report(folder).problems[-2:] == (
+        "no echo",
+        "the section deaf is left out: OSError: no sound",
+    )
+    assert found.texts == ("7 m in a",)
+    assert (folder / "depths.json").read_text("utf-8") == "[7]"
+    page = (folder / "report.html").read_text("utf-8")
+    assert re.sub("Page written [^.]*", "", page.replace("<p>depths of gate</p>", "")) == re.sub(
+        "Page written [^.]*", "", plain
+    )
+
+
+def test_what_a_section_says_is_printed_after_the_verdicts(
+    install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install(SECTIONS)
+    assert main(["run", str(write_hover(tmp_path)), "--out", str(tmp_path / "out")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    (folder,) = (tmp_path / "out").glob("*/*")
+    assert lines.index(f"7 m in {folder.name}") < lines.index(f"results: {folder}")
+
+
+OBSERVER = """
+from wil_campaign.hooks import RunObserver, implements
+
+
+@implements
+def run_observers():
+    return [RunObserver("ping", "wil_ping:field", "wil_ping:setup", "wil_ping:observe")]
+"""
+PING = """
+from dataclasses import dataclass
+
+from wil_campaign.campaigns.setup.case_setup import ObserverSetup
+from wil_campaign.orchestrator.state.observer import Observer
+
+
+@dataclass(frozen=True)
+class PingSetup(ObserverSetup):
+    hz: int
+
+    def problems(self, files, setup, mode, /):
+        if mode == "sim" and self.hz > 90:
+            yield files.campaign.problem(("ping",), "is too loud")
+
+    def needing_wall_clock(self):
+        if self.hz == 7:
+            yield ("ping",), "a sonar"
+
+
+class Pings(Observer):
+    def __init__(self, hz):
+        self.hz, self.vehicles = hz, []
+
+    def attach(self, contexts):
+        self.vehicles = [one.name for one in contexts]
+
+    async def before_arming(self, unbooted, /):
+        return f"pings {self.vehicles} at {self.hz} Hz"
+
+
+def field():
+    return int | None, None
+
+
+def setup(given, campaign, part, problems):
+    return None if given is None else PingSetup(given)
+
+
+def observe(setup, given, events):
+    return Pings(given.hz)
+"""
+
+
+def test_a_plugin_observes_the_runs_of_a_campaign_that_has_its_key(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = {"wil_pings.py": OBSERVER, "wil_ping.py": PING}
+    put_distribution(tmp_path, "pings", "wil_pings", files)
+    monkeypatch.syspath_prepend(tmp_path)
+    forget_plugins()
+    words = [str(write_hover(tmp_path)), "--set"]
+    try:
+        assert main(["validate", *words, "ping=91"]) == 2
+        assert "ping=91: is too loud" in capsys.readouterr().err
+        assert main(["validate", *words, "ping=7", "--clock", "virtual"]) == 2
+        assert "a sonar runs in real time" in capsys.readouterr().err
+    finally:
+        forget_plugins()
+    out = tmp_path / "out"
+    run = [sys.executable, "-P", "-m", "wil_campaign", "run", *words, "ping=90", "--out", str(out)]
+    subprocess.run(  # noqa: S603 - our own interpreter; a fork server of ours knows no such plugin
+        [*run, "--repetitions", "1"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])},
+        check=True,
+    )
+    (path,) = out.glob("*/*/default/sim/1/result.json")
+    steps = {one["step"]: one["text"] for one in json.loads(path.read_text())["before_arming"]}
+    assert steps["external"] == "pings ['twin'] at 90 Hz"
+
+
+KIND = """
+from wil_campaign.hooks import AutonomyKind, implements
+
+
+@implements
+def autonomy_kinds():
+    functions = ("wil_sonar:field", "wil_sonar:setup", "wil_sonar:runner")
+    return [AutonomyKind("bat", "its name", *functions)]
+
+
+def field():
+    return str | None, None
+"""
+
+
+def test_a_plugin_adds_a_kind_of_autonomy_beside_a_class(
+    install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    install(KIND)
+    words = ["validate", str(write_hover(tmp_path)), "--set"]
+    assert main([*words, "autonomy={with: {}}"]) == 2
+    said = capsys.readouterr().err
+    assert (
+        "give use: (a class) or program: (a command line) or ros2: (a node) or bat: (its name)"
+        in said
+    )
+    assert main([*words, "autonomy={use: still.py:Still, bat: b}"]) == 2
+    assert "has no effect with a bat" in capsys.readouterr().err
+    assert main([*words, "autonomy={program: [ls], bat: b}"]) == 2
+    assert "has no effect with a program" in capsys.readouterr().err
+
+
+ONE_FILE = """
+from contextlib import contextmanager
+from dataclasses import replace
+
+from pydantic import Field
+
+from wil_campaign.api import (
+    LimitOracle,
+    RangefinderReading,
+    SidedParameters,
+    Windowed,
+    oracle,
+    step,
+)
+from wil_campaign.hooks import LiveView, OracleKind, RecipeStep, SensorSource, implements
+
+
+@implements
+def oracles():
+    return [OracleKind("calm", "wil_sonar:calm")]
+
+
+@implements
+def recipe_steps():
+    return [RecipeStep("dim", "wil_sonar:dim")]
+
+
+@implements
+def sources():
+    return [SensorSource("echo", "echo://METRES", "wil_sonar:Echo", "wil_sonar:fault", True)]
+
+
+@implements
+def live_views():
+    return [LiveView("window", "wil_sonar:window", "Say what flies.")]
+
+
+class CalmParameters(Windowed):
+    max_m_s: float = Field(gt=0, description="fastest climb or sink rate")
+
+
+class Calm(LimitOracle):
+    motion = frozenset({"velocity"})
+
+    def on_pose(self, sample):
+        rate = abs(sample.velocity_ned_m_s[2])
+        return self.take(sample.t_s, rate, 3.0 - rate, lambda: f"climbs at {rate:.2f} m/s")
+
+
+@oracle("calm", "climbs and sinks no faster than max_m_s", CalmParameters)
+def calm(terms, parameters, context):
+    return Calm(terms, unit="m/s", limit=parameters.max_m_s)
+
+
+class DimParameters(SidedParameters):
+    \"\"\"to: what is left of the light, 0 to 1.\"\"\"
+
+    to: float
+
+
+@step("dim", stage="transform", sensors=("camera",), parameters=DimParameters)
+def dim(parameters, context):
+    \"\"\"Take light off an image.\"\"\"
+
+    def operator(work, other):
+        image = (work.reading.image_bgr * parameters.to).astype("uint8")
+        return replace(work, reading=replace(work.reading, image_bgr=image))
+
+    return operator
+
+
+def fault(address, kind):
+    return "" if kind == "rangefinder" else f"an echo is no {kind}"
+
+
+class Echo:
+    unusable = 0
+
+    def __init__(self, request):
+        self.name, self.request, self.t_s = request.address, request, 0.0
+
+    def open(self):
+        self.range_m = float(self.name.removeprefix("echo://"))
+
+    def next(self):
+        self.t_s += 1 / self.request.rate_hz
+        what = {"source": self.request.side, "range_m": self.range_m, "mount": self.request.mount}
+        return RangefinderReading(self.t_s, self.t_s, seq=0, range_min_m=0.1, range_max_m=9, **what)
+
+    def close(self):
+        pass
+
+
+@contextmanager
+def window(address, say, *, folder=None, program=None):
+    say(f"window at {address}")
+    yield
+"""
+
+
+def test_a_plugin_of_one_file_flies_in_the_gate(
+    install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An oracle, a step, a source and a live view; its step leaves no light for the gate."""
+    install(ONE_FILE)
+    transform = "[{resize: {to: real}}, {register: {pose: real}}, {dim: {to: 0}}]"
+    sets = [
+        "oracles.calm={max_m_s: 3}",
+        f"recipe.combine.0.transform={transform}",
+        "vehicles.real.sensors.down={type: rangefinder, rate_hz: 20, source: 'echo://1.5'}",
+    ]
+    words = [
+        "--case",
+        "large",
+        "--mode",
+        "wil",
+        "--repetitions",
+        "1",
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    for one in sets:
+        words += ["--set", one]
+    gate = str(ROOT / "campaigns" / "gate.yaml")
+    shown = fly([gate, *words, "--window", ":7"], tmp_path)
+    assert shown.returncode == 3, shown.stderr
+    assert "window at :7" in shown.stdout + shown.stderr
+    assert "the mixture never showed gate" in shown.stdout
+    assert re.search(r"real down \(file\): \d{3} delivered, 0 dropped", shown.stdout)
+    (result,) = (json.loads(path.read_text()) for path in (tmp_path / "out").glob("**/result.json"))
+    calm = next(
+        one for one in result["oracles"] if one["name"] == "calm" and one["vehicle"] == "real"
+    )
+    assert (calm["verdict"], calm["limit"]) == ("PASS", 3.0)
+    assert main(["schema", str(tmp_path / "schemas")]) == 0
+    schemas = {path.name: path.read_text() for path in (tmp_path / "schemas").glob("*.json")}
+    assert '"calm": {' in schemas["campaign.schema.json"]
+    assert '"dim": {' in schemas["recipe.schema.json"]
+    assert main(["list", "plugins"]) == 0
+    adds = "live views: window; oracles: calm; recipe steps: dim; sources: echo"
+    assert re.search(rf"sonar +wil-sonar 1\.2 +{adds}", capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (('"wil_sonar:calm"', '"wil_sonar:clam"'), "oracles(): wil_sonar:clam cannot be used: "),
+        (('"calm", "wil', '"quiet", "wil'), "it is named 'calm', not 'quiet'; mend it"),
+        (('"calm"', '"collision"'), "oracles(): 'collision' is there already; mend it"),
+        (('"dim"', '"resize"'), "recipe_steps(): 'resize' is there already; mend it"),
+    ],
+)
+def test_a_part_that_cannot_be_used_is_named_once(
+    install: Install, capsys: pytest.CaptureFixture[str], change: tuple[str, str], said: str
+) -> None:
+    install(ONE_FILE.replace(*change))
+    assert main(["validate", str(ROOT / "campaigns" / "gate.yaml")]) == 2
+    shown = capsys.readouterr().err
+    assert shown.startswith("plugin sonar (wil-sonar 1.2): ")
+    assert said in shown
+    assert shown.count("plugin sonar") == 1
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        (
+            "import nowhere_to_be_found",
+            "cannot be used: ModuleNotFoundError: No module named 'nowhere_to_be_found'; mend",
+        ),
+        (
+            SONAR.replace("def commands", "def comands"),
+            "cannot be used: PluginValidationError: ",
+        ),
+        (
+            SONAR.replace("return (Command", "return (1 / 0, Command"),
+            "commands() fails: ZeroDivisionError: division by zero; ",
+        ),
+        (
+            SONAR.replace('"ping"', '"run"', 1),
+            "commands(): 'run' is there already; mend it, or ",
+        ),
+        (
+            SONAR.replace('"ping"', '"replay"', 1),
+            "commands(): 'replay' is there already; mend it, or ",
+        ),
+        (
+            OBSERVER.replace('"ping"', '"goal"'),
+            "run_observers(): 'goal' is there already; mend it, or ",
+        ),
+        (
+            OBSERVER.replace('"ping"', '"search"'),
+            "run_observers(): 'search' is there already; mend it, or ",
+        ),
+        (
+            KIND.replace('"bat"', '"use"'),
+            "autonomy_kinds(): 'use' is there already; mend it, or ",
+        ),
+    ],
+    ids=["import", "hook", "fails", "core's", "plugin's", "key", "plugin's key", "autonomy's key"],
+)
+def test_a_plugin_that_cannot_be_used_is_named(
+    install: Install, capsys: pytest.CaptureFixture[str], source: str, said: str
+) -> None:
+    install(source)
+    assert main(["validate", str(ROOT / "campaigns" / "gate.yaml")]) == 2
+    shown = capsys.readouterr().err
+    assert shown.startswith(f"plugin sonar (wil-sonar 1.2): {said}")
+    assert shown.splitlines()[1:] in ([], ["1 problem in 1 file"])
+
+
+def test_the_plugin_of_the_page_flies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (ROOT / "docs" / "plugins.md").read_text("utf-8")
+    files = dict(re.findall(r"^```python\n# (\S+)\n(.+?)^```$", page, re.MULTILINE | re.DOTALL))
+    assert len([line for source in files.values() for line in source.splitlines() if line]) <= 60
+    assert 'lab = "wil_lab.plugin"' in page
+    put_distribution(tmp_path, "lab", "wil_lab.plugin", files)
+    monkeypatch.syspath_prepend(tmp_path)
+    forget_plugins()
+    campaign = write_hover(tmp_path)
+    down = "sensors: {down: {type: rangefinder, rate_hz: 20, source: 'echo://1.5'}}"
+    text = campaign.read_text().replace("px4", f"px4, {down}")
+    text = text.replace("{landed: {}}", "{landed: {}, calm: {max_m_s: 3}}")
+    wrong = {
+        "max_m_s: 3": ("max_km_h: 3", "unknown key 'max_km_h'"),
+        "calm: ": ("clam: ", "unknown oracle 'clam'; did you mean 'calm'?"),
+        "rangefinder": ("gps", "an echo is no gps"),
+        "echo:": ("eco:", "publisher), or an MCAP file (.mcap), or echo://METRES"),
+    }
+    try:
+        for good, (bad, said) in wrong.items():
+            campaign.write_text(text.replace(good, bad))
+            assert main(["validate", str(campaign)]) == 2
+            assert re.search(rf"hover\.yaml:\d+:\d+: .*{re.escape(said)}", capsys.readouterr().err)
+        campaign.write_text(text)
+        out = tmp_path / "out"
+        words = ["--repetitions", "1", "--out", str(out)]
+        flown = fly([str(campaign), *words], tmp_path)
+        assert flown.returncode == 0, flown.stderr
+        (result,) = (json.loads(path.read_text()) for path in out.glob("**/result.json"))
+        calm = next(one for one in result["oracles"] if one["name"] == "calm")
+        assert (calm["verdict"], calm["limit"], calm["unit"]) == ("PASS", 3.0, "m/s")
+        assert 0.1 < calm["actual"] < 3.0
+        flown = fly([str(campaign), *words, "--set", "oracles.calm.max_m_s=0.1"], tmp_path)
+        assert flown.returncode == 1, flown.stderr
+        assert re.search(r"climbs at 0\.\d+ m/s", flown.stdout)
+        assert main(["list", "oracles"]) == 0
+        assert "calm: climbs and sinks no faster than max_m_s" in capsys.readouterr().out
+    finally:
+        forget_plugins()
+
+
+WITHOUT = """
+import sys
+from importlib.machinery import ModuleSpec
+from importlib.util import module_from_spec
+from pathlib import Path
+
+__path__ = ["{home}/wil_campaign"]
+nothing = ModuleSpec("wil_campaign.plugins", None, is_package=True)
+sys.modules["wil_campaign.plugins"] = module_from_spec(nothing)
+exec(Path("{home}/wil_campaign/__init__.py").read_text())
+"""
+"""The program as in a tree without the folder `plugins`, in all of its processes."""
+ABSENT = """
+import sys
+from pathlib import Path
+from wil_campaign.orchestrator.cli import main
+for words in {words}:
+    print(">", *words, flush=True)
+    print("=", main(words), flush=True)
+import wil_campaign
+for folder in Path({out!r}).glob("*/*"):
+    print("written:", *((folder / name).exists() for name in ("report.html", "statistics.json")))
+    try:
+        wil_campaign.read_results(folder).study()
+    except ImportError as error:
+        print(error)
+"""
+
+
+def test_without_any_plugin_gate_flies_and_what_is_absent_is_named(tmp_path: Path) -> None:
+    """The proof of the CI that the core needs no plugin.
+
+    Its modules have the paths of this checkout, for which kernels are compiled already.
+    """
+    (tmp_path / "wil_campaign").mkdir()
+    (tmp_path / "wil_campaign" / "__init__.py").write_text(WITHOUT.format(home=ROOT))
+    gate = str(ROOT / "campaigns" / "gate.yaml")
+    one = ["--case", "small", "--mode", "sim", "--repetitions", "1", "--out", str(tmp_path / "out")]
+    views = [view for adds in SHIPPED.values() for view in adds.get("live_views", ())]
+    commands = [names for adds in SHIPPED.values() for names in adds.get("commands", ())]
+    words = [["validate", gate], ["run", gate, *one], ["list", "plugins"]]
+    words += map(str.split, commands)
+    words += [["run", gate, *one, f"--{view}", ":0"] for view in views]
+    keys = {"search": "campaigns/search-gate.yaml"}
+    assert set(keys) == {key for adds in SHIPPED.values() for key in adds.get("campaign_keys", ())}
+    words += [["validate", str(ROOT / file)] for file in keys.values()]
+    formats = [end for adds in SHIPPED.values() for end in adds.get("recipe_formats", ())]
+    words += [["validate", f"recipe{end}"] for end in formats]
+    engines = [name for adds in SHIPPED.values() for name in adds.get("engines", ())]
+    words += [["run", gate, *one, "--engine", f"{name}://127.0.0.1:6379"] for name in engines]
+    drivers = [name for adds in SHIPPED.values() for name in adds.get("drivers", ())]
+    for name in drivers:
+        file = write_hover(tmp_path).rename(tmp_path / f"{name}.yaml")
+        file.write_text(file.read_text().replace("px4", f"px4, driver: {name}", 1))
+        words.append(["validate", str(file)])
+    checks = [name for adds in SHIPPED.values() for name in adds.get("vehicle_checks", ())]
+    words += [["doctor", f"--{check}"] for check in checks]
+    channels = [name for adds in SHIPPED.values() for name in adds.get("operator_channels", ())]
+    for name in channels:
+        words.append(["run", gate, *one, "--set", f"operator.{name}.broker=embedded"])
+    options = [name for adds in SHIPPED.values() for name in adds.get("run_options", ())]
+    words += [["run", gate, *one, f"--{name}", "embedded"] for name in options]
+    kinds = [name for adds in SHIPPED.values() for name in adds.get("autonomy_kinds", ())]
+    words += [["run", gate, *one, "--set", f"autonomy={{{name}: [a]}}"] for name in kinds]
+    observers = [name for adds in SHIPPED.values() for name in adds.get("run_observers", ())]
+    words += [["run", gate, *one, "--set", f"{name}={{}}"] for name in observers]
+    oracles = [name for adds in SHIPPED.values() for name in adds.get("oracles", ())]
+    words += [["run", gate, *one, "--set", f"oracles.own={{{name}: a}}"] for name in oracles]
+    done = subprocess.run(  # noqa: S603 - our own interpreter
+        [sys.executable, "-P", "-c", ABSENT.format(words=words, out=str(tmp_path / "out"))],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    codes = [int(line[2:]) for line in done.stdout.splitlines() if line.startswith("= ")]
+    assert codes[:3] == [0, 5, 0], done.stdout + done.stderr  # 5: it flew nothing required
+    assert re.search(r"small +sim +1/1 ", done.stdout)
+    named = [*(name.split()[0] for name in commands), *views, *keys, *formats, *engines, *drivers]
+    named += [*checks, *channels, *options, *kinds, *observers, *oracles]
+    assert codes[3:] == [2] * len(named)
+    for name in named:
+        assert f"'{name}' is of the plugin " in done.stderr
+    assert "which is not installed: pip install " in done.stderr
+    line = r"search-gate\.yaml:\d+:\d+: 'search' is of the plugin search, which is not installed: "
+    assert re.search(line, done.stderr)
+    assert "written: True False\n" in done.stdout  # of the run: report.html, statistics.json
+    assert "'Study' is of the plugin statistics, which is not installed: pip " in done.stdout
+    assert absent(hooks.commands) == {}

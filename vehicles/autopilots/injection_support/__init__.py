@@ -1,1 +1,0 @@
-"""Which injected messages an autopilot acts on, with its present parameters; pure."""

@@ -1,0 +1,104 @@
+"""The stable API for users' files: autonomies, steps of recipes, oracles, detectors.
+
+Names may be added; none is removed or changes its meaning without an entry in the changelog. Other
+modules are internal and may change. Coordinates are north-east-down metres of the world's frame,
+angles radians, times seconds of the run clock, quaternions wxyz from body to NED, images BGR.
+"""
+
+from wil_campaign.recipes.model.registry import SidedParameters, step
+from wil_campaign.recipes.working import CannotMixError, Masked
+from wil_campaign.safety.oracles.limit_oracle import LimitOracle
+from wil_campaign.safety.oracles.oracle import Windowed, oracle
+from wil_campaign.vehicles.autonomy import (
+    Autonomy,
+    AutonomyFactory,
+    Command,
+    PerceivesRaw,
+    Telemetry,
+)
+from wil_campaign.vehicles.perception.blobs import Blob, BlobFinder, Borders, Box, Opening
+from wil_campaign.vehicles.perception.detector import Detection, DetectorError, OnnxDetector
+from wil_campaign.vehicles.perception.hsv import NAMED_COLORS, HsvMask, HsvRange
+from wil_campaign.vehicles.perception.shipped_detector import shipped_detector
+from wil_campaign.vehicles.poses.pose_history import PoseAt, PoseHistory
+from wil_campaign.vehicles.readings import (
+    CameraReading,
+    DepthReading,
+    GpsReading,
+    ImuReading,
+    LidarPointsReading,
+    LidarScanReading,
+    MicrophoneReading,
+    PoseReading,
+    RangefinderReading,
+    Reading,
+)
+from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import (
+    Pose,
+    Quat,
+    Vec3,
+    add,
+    euler_from_quat,
+    norm,
+    quat_from_euler,
+    rotate,
+    scale,
+    subtract,
+    wrap_pi,
+)
+
+__all__ = [
+    "NAMED_COLORS",
+    "Autonomy",
+    "AutonomyFactory",
+    "Blob",
+    "BlobFinder",
+    "Borders",
+    "Box",
+    "CameraReading",
+    "CannotMixError",
+    "Command",
+    "DepthReading",
+    "Detection",
+    "DetectorError",
+    "GpsReading",
+    "HsvMask",
+    "HsvRange",
+    "ImuReading",
+    "Intrinsics",
+    "LidarPointsReading",
+    "LidarScanReading",
+    "LimitOracle",
+    "Masked",
+    "MicrophoneReading",
+    "OnnxDetector",
+    "Opening",
+    "PerceivesRaw",
+    "Pose",
+    "PoseAt",
+    "PoseHistory",
+    "PoseReading",
+    "PositionSetpoint",
+    "Quat",
+    "RangefinderReading",
+    "Reading",
+    "Setpoint",
+    "SidedParameters",
+    "Telemetry",
+    "Vec3",
+    "VelocitySetpoint",
+    "Windowed",
+    "add",
+    "euler_from_quat",
+    "norm",
+    "oracle",
+    "quat_from_euler",
+    "rotate",
+    "scale",
+    "shipped_detector",
+    "step",
+    "subtract",
+    "wrap_pi",
+]

@@ -1,0 +1,231 @@
+"""The plugins of this installation: those that ship in wil_campaign.plugins, and other people's.
+
+Shipped are the folders of wil_campaign/plugins/ with a module `plugin`. Other distributions name
+theirs in the group `wil_campaign` of their entry points. Both are registered with pluggy.
+"""
+
+import importlib
+import sys
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+import pluggy
+
+from wil_campaign import core_plugin, hooks
+
+SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "calibration": {"commands": ("calibrate",)},
+    "cluster": {"commands": ("bench", "bench check", "bench serve"), "engines": ("ray",)},
+    "console": {"commands": ("console",), "live_views": ("console",)},
+    "foxglove": {"live_views": ("foxglove",)},
+    "injection": {"run_observers": ("inject",)},
+    "logs": {"starters": ("log",)},
+    "mavsdk": {"drivers": ("mavsdk",)},
+    "mqtt": {
+        "commands": ("sign",),
+        "operator_channels": ("mqtt",),
+        "run_options": ("broker",),
+    },
+    "offline": {"commands": ("mix", "replay")},
+    "outlets": {"run_observers": ("deliver", "ground_station")},
+    "paper_xml": {"recipe_formats": (".xml",)},
+    "programs": {"autonomy_kinds": ("program",)},
+    "pytest": {},  # which pytest finds by its own entry points
+    "ros2": {"autonomy_kinds": ("ros2",)},
+    "search": {"campaign_keys": ("search",), "commands": ("search",)},
+    "standalone": {"commands": ("vehicle",)},
+    "statistics": {"commands": ("gap", "compare", "history"), "report_sections": ("statistics",)},
+    "stl": {"oracles": ("stl",)},
+    "step_response": {"vehicle_checks": ("fly",)},
+}
+"""By shipped plugin and hook: the names that it adds, to say what an absent one is needed for."""
+
+_CORE = "wil_campaign"
+"""The name by which the core's own lists are registered; it is no plugin that anyone lists."""
+_ORIGIN = "shipped"
+_FOLDER = "wil_campaign.plugins"
+
+
+class Named(Protocol):
+    """What a hook returns: it has a name of its own."""
+
+    @property
+    def name(self) -> str:
+        """Return the name by which a user calls it."""
+        ...
+
+
+Addition = TypeVar("Addition", bound=Named)
+
+
+@dataclass(frozen=True, slots=True)
+class Plugin:
+    """A plugin. origin: "shipped", or the distribution with its version.
+
+    adds: by hook the names of what it adds.
+    """
+
+    name: str
+    origin: str
+    adds: Mapping[str, tuple[str, ...]]
+
+
+def added(
+    hook: Callable[[], Sequence[Addition]], own: Container[str] = ()
+) -> Mapping[str, Addition]:
+    """Return by name what all plugins add by a hook of wil_campaign.hooks. own: names of the core.
+
+    Raises BadInput for a plugin that cannot be imported or used, or adds what another one has.
+    """
+    found: dict[str, Addition] = {}
+    for plugin, addition in _additions(hook):
+        if addition.name in own or addition.name in found:
+            message = f"{hook.__name__}(): '{addition.name}' is there already"
+            raise _fault(plugin, _registered()[1][plugin], message)
+        found[addition.name] = addition
+    return found
+
+
+def loaded(hook: Callable[[], Sequence[Addition]], field: str) -> Mapping[str, Any]:
+    """Return by name what all additions of a hook name by one of their fields, imported.
+
+    The core's own come first. Raises BadInput as `added` does.
+    """
+    added(hook)
+    found: dict[str, Any] = {}
+    for plugin, addition in _additions(hook):
+        place = getattr(addition, field)
+        try:
+            found[addition.name] = load(place)
+            _require_name(found[addition.name], addition.name)
+        except Exception as error:
+            message = f"{hook.__name__}(): {place} cannot be used: {_words(error)}"
+            raise _fault(plugin, _registered()[1][plugin], message) from error
+    return found
+
+
+def _require_name(part: Any, name: str) -> None:
+    """Raise ValueError for a part, or one of several, with another name than its hook says."""
+    for each in part if isinstance(part, tuple) else (part,):
+        if each.name != name:
+            raise ValueError(f"it is named '{each.name}', not '{name}'")
+
+
+def installed() -> tuple[Plugin, ...]:
+    """Return all plugins, by name. Raises BadInput as `added` does."""
+    manager, origins = _registered()
+    adds: dict[str, dict[str, tuple[str, ...]]] = {name: {} for name in origins}
+    for name in manager.hook.__dict__:
+        if not name.startswith("_"):
+            for plugin, addition in _additions(getattr(hooks, name)):
+                adds[plugin][name] = (*adds[plugin].get(name, ()), addition.name)
+    names = sorted(name for name in origins if name != _CORE)
+    return tuple(Plugin(name, origins[name], adds[name]) for name in names)
+
+
+def absent(hook: Callable[[], Sequence[Named]]) -> Mapping[str, str]:
+    """Return by name what shipped plugins add that are not installed: whose it is, the remedy."""
+    return {
+        name: missing(name, plugin)
+        for plugin, adds in SHIPPED.items()
+        if plugin not in _registered()[1]
+        for name in adds.get(hook.__name__, ())
+    }
+
+
+def missing(name: str, plugin: str) -> str:
+    """Return that a name is of a shipped plugin that is not installed, and the remedy."""
+    return (
+        f"'{name}' is of the plugin {plugin}, which is not installed: "
+        "pip install --force-reinstall --no-deps wil-campaign"
+    )
+
+
+def load(function: str) -> Any:
+    """Return what `module:name` names, imported."""
+    module, _, name = function.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def _additions(hook: Callable[[], Sequence[Addition]]) -> Iterator[tuple[str, Addition]]:
+    """Yield the plugin and each thing that it adds by a hook, in the order of registration."""
+    manager, origins = _registered()
+    for one in getattr(manager.hook, hook.__name__).get_hookimpls():
+        try:
+            found: tuple[Addition, ...] = tuple(one.function())
+        except Exception as error:
+            message = f"{hook.__name__}() fails: {_words(error)}"
+            raise _fault(one.plugin_name, origins[one.plugin_name], message) from error
+        for addition in found:
+            yield one.plugin_name, addition
+
+
+@cache
+def _registered() -> tuple[pluggy.PluginManager, dict[str, str]]:
+    """Return the manager with all plugins registered, and by name where each is from."""
+    manager = pluggy.PluginManager(hooks.PROJECT)
+    manager.add_hookspecs(hooks)
+    manager.register(core_plugin, _CORE)
+    origins = {_CORE: _ORIGIN}
+    for name in _shipped_names():
+        manager.register(importlib.import_module(f"{_FOLDER}.{name}.plugin"), name)
+        origins[name] = _ORIGIN
+    if any(map(_names_plugins, sys.path)):
+        origins |= _register_others(manager)
+    return manager, origins
+
+
+def _shipped_names() -> list[str]:
+    """Return the names of the shipped plugins that are installed."""
+    spec = find_spec(_FOLDER)
+    places = () if spec is None else spec.submodule_search_locations or ()
+    return sorted(path.parent.name for place in places for path in Path(place).glob("*/plugin.py"))
+
+
+def _names_plugins(folder: str) -> bool:
+    """Return whether a distribution in a folder of sys.path has entry points of our group.
+
+    importlib.metadata takes ten times as long, 40 ms, to find none.
+    """
+    group = f"[{hooks.PROJECT}]".encode()
+    with suppress(OSError):
+        for path in Path(folder or ".").iterdir():
+            if path.name.endswith("-info"):
+                with suppress(OSError):
+                    if group in (path / "entry_points.txt").read_bytes():
+                        return True
+    return False
+
+
+def _register_others(manager: pluggy.PluginManager) -> dict[str, str]:
+    """Register the plugins of other distributions; return by name where each is from."""
+    from importlib.metadata import entry_points  # noqa: PLC0415 - slow, and seldom needed
+
+    origins: dict[str, str] = {}
+    for point in entry_points(group=hooks.PROJECT):
+        origin = "?" if point.dist is None else f"{point.dist.name} {point.dist.version}"
+        try:
+            manager.register(point.load(), point.name)
+            manager.check_pending()
+        except Exception as error:
+            raise _fault(point.name, origin, f"cannot be used: {_words(error)}") from error
+        origins[point.name] = origin
+    return origins
+
+
+def _words(error: Exception) -> str:
+    """Return an exception in one line."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+
+
+def _fault(plugin: str, origin: str, message: str) -> Exception:
+    """Return the error that a plugin cannot be used: BadInput."""
+    from wil_campaign.worlds.files.problems import BadInput, Problem  # noqa: PLC0415 - seldom used
+
+    remedy = "mend it, or uninstall it"
+    return BadInput([Problem(f"plugin {plugin} ({origin})", 0, 0, f"{message}; {remedy}")])
