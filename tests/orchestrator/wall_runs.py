@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from tests.forks import Forked, fork_program
 from tests.orchestrator.conftest import STEP
 
 ROOT = Path(__file__).parents[2]
@@ -63,7 +64,10 @@ class Landed:
 
 
 class Program:
-    """`wil-campaign run` as a process of its own, on the wall clock; an async context manager."""
+    """`wil-campaign run` as a process of its own, on the wall clock; an async context manager.
+
+    starts: an interpreter is started, as users do it; else the program is forked, which costs less.
+    """
 
     def __init__(
         self,
@@ -73,8 +77,10 @@ class Program:
         clock: str | None = "wall",
         flown: tuple[str, str] = ("gate", "large"),
         has_cameras: bool = True,
+        starts: bool = False,
     ) -> None:
         self.out = out
+        self._starts = starts
         self._campaign, self._case = flown
         self._clock = () if clock is None else ("--clock", clock)
         # Beneath pytest's folders the path of a socket is too long.
@@ -84,16 +90,23 @@ class Program:
 
     async def __aenter__(self) -> Self:
         sets = [word for one in self._patient for word in ("--set", one)]
-        self.process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "wil_campaign", "run", f"campaigns/{self._campaign}.yaml"),
+        words = (
+            *("-m", "wil_campaign", "run", f"campaigns/{self._campaign}.yaml"),
             *(*self._clock, "--case", self._case, "--repetitions", "1", "--jobs", "1"),
             *("--out", str(self.out), *sets, *self._arguments),
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.PIPE,
-            cwd=ROOT,
-            env=self.environment,
-            start_new_session=True,
         )
+        self.process: asyncio.subprocess.Process | Forked
+        if self._starts:
+            self.process = await asyncio.create_subprocess_exec(
+                *(sys.executable, *words),
+                stdout=asyncio.subprocess.PIPE,
+                stderr=asyncio.subprocess.PIPE,
+                cwd=ROOT,
+                env=self.environment,
+                start_new_session=True,
+            )
+        else:
+            self.process = await fork_program(*words, environment=self.environment)
         return self
 
     async def __aexit__(self, *error: object) -> None:
@@ -113,13 +126,8 @@ class Program:
 
     async def operate(self, *arguments: str) -> Landed:
         """Run another command of ours beside it."""
-        process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "wil_campaign", *arguments),
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.PIPE,
-            cwd=ROOT,
-            env=self.environment,
-        )
+        words = ("-m", "wil_campaign", *arguments)
+        process = await fork_program(*words, environment=self.environment)
         out, err = await process.communicate()
         return Landed(process.returncode or 0, out.decode(), err.decode())
 
