@@ -9,16 +9,20 @@ import atexit
 import contextlib
 import json
 import os
+import select
 import signal
 import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping, Sequence
-from functools import cache
+from collections.abc import Iterator, Mapping, Sequence
+from io import FileIO
 from pathlib import Path
+from typing import IO, Any, Self
+from unittest import mock
 
-from wil_campaign.vehicles.processes.fork_server import ForkedProcess, ForkServer
+from wil_campaign.vehicles.processes import child, fork_server
+from wil_campaign.vehicles.processes.fork_server import ForkedProcess
 
 ROOT = Path(__file__).parents[1]
 _PROGRAM = (sys.executable, "-P", "-m", "tests.preloaded")
@@ -26,6 +30,19 @@ _ROOM = " " * 16_000
 """For command line and environment of what is forked, which /proc shows."""
 _STARTED_WITHIN_S = 120.0
 _STARTING = threading.Lock()
+END = 900
+"""The descriptor of the preloaded process's clients' end, here and in all that it forks."""
+FORKED = frozenset(
+    {
+        "tests.faults.exceptions.guard_program",
+        "tests.safety.guard.fake_vehicle_program",
+        "wil_campaign.safety.guard.process",
+        "wil_campaign.vehicles.embedded",
+        "wil_campaign.vehicles.vehicle_server",
+    }
+)
+"""Programs that are forked where a forked one, or `children_forked`, starts them."""
+_server: list[Mapping[str, str]] = []
 
 
 class Forked:
@@ -79,29 +96,115 @@ async def fork_program(
 
     piped: its stdout and stderr are read by `communicate`; else it has those of this process.
     """
-    server, start_environment = await asyncio.to_thread(_preloaded)
-    given = {"argv": [sys.executable, *words], "environment": dict(environment), "cwd": str(cwd)}
     with contextlib.ExitStack() as stack:
-        empty = os.open(os.devnull, os.O_RDONLY)
-        stack.callback(os.close, empty)
         ends = [os.pipe() for _ in range(2 if piped else 0)]
         for _, writing in ends:
             stack.callback(os.close, writing)
-        streams = (empty, *((writing for _, writing in ends) if piped else (1, 2)))
+        streams = (None, ends[0][1], ends[1][1]) if piped else (None, 1, 2)
         readers = [await _read(reading) for reading, _ in ends]
-        async with asyncio.timeout(_STARTED_WITHIN_S):
-            while True:
-                process = await server.fork(
-                    (*_PROGRAM, json.dumps(given)),
-                    environment=start_environment,
-                    streams=streams,
-                    inherited=(),
-                    stderr=None,
-                )
-                if process is not None:
-                    break
-        process.go()
+        process = await asyncio.to_thread(fork, words, streams, environment, cwd)
     return Forked(process, readers)
+
+
+class ForkedPopen:
+    """A forked program, as `subprocess.Popen` is a started one, in a session of its own."""
+
+    def __init__(
+        self,
+        argv: Sequence[str],
+        *,
+        stdin: int | None = None,
+        stdout: int | None = None,
+        stderr: int | None = None,
+        env: Mapping[str, str] | None = None,
+        cwd: Path | None = None,
+        **_: object,
+    ) -> None:
+        self.args, self.returncode = argv, None
+        self.stdin: IO[bytes] | None = None
+        self.stdout: IO[bytes] | None = None
+        self.stderr: IO[bytes] | None = None
+        with contextlib.ExitStack() as stack:
+            if stdin == subprocess.PIPE:
+                stdin, writing = os.pipe()
+                stack.callback(os.close, stdin)
+                self.stdin = os.fdopen(writing, "wb")
+            if stdout == subprocess.PIPE:
+                reading, stdout = os.pipe()
+                stack.callback(os.close, stdout)
+                self.stdout = os.fdopen(reading, "rb")
+            streams = (stdin, 1 if stdout is None else stdout, 2 if stderr is None else stderr)
+            environment = os.environ if env is None else env
+            self._process = fork(argv[1:], streams, environment, cwd or Path.cwd())
+        self.pid = self._process.pid
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for stream in (self.stdin, self.stdout):
+            if stream is not None:
+                stream.close()
+        self.wait()
+
+    def poll(self) -> int | None:
+        return self._process.poll()
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for its end; return its exit code. Raises TimeoutExpired."""
+        while (code := self._process.poll()) is None:
+            if not select.select([self._process], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired(self.args, timeout or 0.0)
+        return code
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+    def terminate(self) -> None:
+        self.send_signal(signal.SIGTERM)
+
+    def send_signal(self, number: int) -> None:
+        """Send it a signal, unless it has ended."""
+        if self.poll() is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pid, number)
+
+
+def fork(
+    words: Sequence[str],
+    streams: tuple[int | None, int | None, int | None],
+    environment: Mapping[str, str],
+    cwd: Path,
+    inherited: Sequence[int] = (),
+) -> ForkedProcess:
+    """Fork what `python WORDS` would start, with `ForkedProcess.stderr` None.
+
+    streams: descriptors of its stdin, stdout and stderr; None: an empty one. inherited:
+    descriptors that it gets under their own numbers.
+    """
+    start_environment = _preloaded()
+    argv = [sys.executable, *words]
+    given = {"argv": argv, "environment": dict(environment), "cwd": str(cwd)}
+    numbers = (0, 1, 2, END, *inherited)
+    request = fork_server._Request(
+        (*_PROGRAM, json.dumps(given)), dict(start_environment), "/", fork_server._umask(), numbers
+    )
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    with (
+        Path(os.devnull).open("r+b", 0) as empty,
+        theirs,
+        socket.socket(fileno=os.dup(END)) as asks,
+    ):
+        of_streams = [empty.fileno() if one is None else one for one in streams]
+        passed = [theirs.fileno(), *of_streams, END, *inherited]
+        socket.send_fds(asks, [fork_server._request.encode(request)], passed)
+    ours.settimeout(_STARTED_WITHIN_S)
+    pid = fork_server._read_reply(ours, fork_server._STARTED)
+    assert pid is not None, "the preloaded process has refused, or ended"
+    ours.setblocking(False)
+    process = ForkedProcess(pid, ours, None)
+    process.go()
+    return process
 
 
 async def _read(descriptor: int) -> asyncio.StreamReader:
@@ -112,14 +215,21 @@ async def _read(descriptor: int) -> asyncio.StreamReader:
     return reader
 
 
-def _preloaded() -> tuple[ForkServer, Mapping[str, str]]:
+def _preloaded() -> Mapping[str, str]:
+    """Return the environment of the process that forks, which is started once."""
     with _STARTING:
-        return _start_preloaded()
+        if not _server:
+            _server.append(_start_preloaded())
+        return _server[0]
 
 
-@cache
-def _start_preloaded() -> tuple[ForkServer, Mapping[str, str]]:
-    """Start the process that forks; return its client's end, and its environment."""
+def adopt(start_environment: Mapping[str, str]) -> None:
+    """Fork by the preloaded process of which this one was forked: END is there."""
+    _server[:] = [start_environment]
+
+
+def _start_preloaded() -> Mapping[str, str]:
+    """Start the process that forks, with its clients' end at END; return its environment."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
     environment.pop("XDG_RUNTIME_DIR", None)  # else it were one of a flight's processes
@@ -134,11 +244,48 @@ def _start_preloaded() -> tuple[ForkServer, Mapping[str, str]]:
         )
     assert process.stdout is not None
     assert process.stdout.readline() == b"ready\n"
-    server = ForkServer(ours.detach(), _PROGRAM)
+    os.dup2(ours.fileno(), END, inheritable=False)
+    ours.close()
 
-    def end() -> None:
-        server.close()
+    def stop() -> None:
+        process.kill()  # what it has forked goes on
         process.wait()
 
-    atexit.register(end)
-    return server, environment
+    atexit.register(stop)
+    return environment
+
+
+class _Subprocess:
+    """`subprocess` for children of ours that run one of our programs: they are forked."""
+
+    PIPE = subprocess.PIPE
+    DEVNULL = subprocess.DEVNULL
+
+    @staticmethod
+    def Popen(argv: Sequence[str], **given: Any) -> subprocess.Popen[bytes] | ForkedProcess:  # noqa: N802 - in place of that
+        module = argv[argv.index("-m") + 1] if "-m" in argv[:3] else ""
+        if argv[0] != sys.executable or module not in FORKED:
+            return subprocess.Popen(argv, **given)  # noqa: S603 - as it was asked for
+        with contextlib.ExitStack() as stack:
+            stdin, stdout, stderr = (
+                None if given[name] == subprocess.DEVNULL else given[name]
+                for name in ("stdin", "stdout", "stderr")
+            )
+            reading = None
+            if stderr == subprocess.PIPE:
+                reading, stderr = os.pipe()
+                stack.callback(os.close, stderr)
+            environment = os.environ if given["env"] is None else given["env"]
+            cwd = Path.cwd() if given["cwd"] is None else given["cwd"]
+            streams = (stdin, stdout, stderr)
+            process = fork(argv[1:], streams, environment, cwd, given["pass_fds"])
+        if reading is not None:
+            process.stderr = FileIO(reading, "rb")
+        return process
+
+
+@contextlib.contextmanager
+def children_forked() -> Iterator[None]:
+    """Have children that run one of our programs forked; their parent is the preloaded process."""
+    with mock.patch.multiple(child, subprocess=_Subprocess, _CODE_S=_STARTED_WITHIN_S):
+        yield

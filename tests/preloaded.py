@@ -4,6 +4,7 @@
 """
 
 import atexit
+import contextlib
 import ctypes
 import gc
 import importlib
@@ -17,7 +18,9 @@ import threading
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+from tests.forks import END, adopt, children_forked
 from wil_campaign.vehicles.processes.fork_server import _place as place
 from wil_campaign.vehicles.processes.fork_server import serve
 from wil_campaign.vehicles.processes.linux import show_command
@@ -25,6 +28,7 @@ from wil_campaign.vehicles.processes.linux import show_command
 WORDS = 4
 """`python -P -m tests.preloaded`; behind it stands what is to be run, as JSON."""
 _SPARE_BYTES = 1 << 16
+_forked = contextlib.ExitStack()
 _RUN_SERVER = "wil_campaign.orchestrator.campaign.workers.run_server_imports"
 _IMPORTED = (
     "wil_campaign.orchestrator.cli.commands.run",
@@ -50,6 +54,8 @@ def _run(words: list[str]) -> int:
     """Run a program in a forked process; return its exit code."""
     given = json.loads(words[0])
     argv: list[str] = given["argv"]
+    adopt(dict(os.environ))
+    _forked.enter_context(children_forked())
     os.chdir(given["cwd"])
     _take_environment(given["environment"])
     show_command(argv)
@@ -58,7 +64,7 @@ def _run(words: list[str]) -> int:
     sys.argv = argv[argv.index("-m") + 1 :]
     if "-P" not in argv[: argv.index("-m")]:
         sys.path.insert(0, str(Path.cwd()))
-    if name == "wil_campaign":
+    if not name.startswith("wil_campaign."):  # those that do start none
         _keep_run_server()
     return _finish(lambda: runpy.run_module(name, run_name="__main__", alter_sys=True))
 
@@ -101,17 +107,21 @@ def _keep_run_server() -> None:
         ours.close()
         os._exit(_become_run_server(theirs))
     theirs.close()
-    start = multiprocessing.util.spawnv_passfds  # type: ignore[attr-defined]
+    start: Any = multiprocessing.util.spawnv_passfds
 
-    def start_or_have(path: bytes | str, words: Sequence[str], descriptors: Sequence[int]) -> int:
+    def start_or_have(path: bytes, words: Sequence[str], descriptors: Sequence[int]) -> int:
         if "multiprocessing.forkserver" not in words[-1] or ours.fileno() < 0:
             return int(start(path, words, descriptors))
-        said = {"argv": list(words), "numbers": list(descriptors), "environment": dict(os.environ)}
+        said = {
+            "argv": [*map(os.fsdecode, words)],
+            "numbers": list(descriptors),
+            "environment": dict(os.environ),
+        }
         socket.send_fds(ours, [json.dumps(said).encode()], descriptors)
         ours.close()
         return pid
 
-    multiprocessing.util.spawnv_passfds = start_or_have  # type: ignore[attr-defined]
+    setattr(multiprocessing.util, "spawnv_passfds", start_or_have)  # noqa: B010 - a function is replaced
 
 
 def _become_run_server(asked: socket.socket) -> int:
@@ -124,7 +134,7 @@ def _become_run_server(asked: socket.socket) -> int:
     _take_environment(given["environment"])
     show_command(given["argv"])
     sys.orig_argv[:], sys.argv = given["argv"], ["-c"]
-    place((0, 1, 2, *descriptors), (0, 1, 2, *given["numbers"]))
+    place((0, 1, 2, END, *descriptors), (0, 1, 2, END, *given["numbers"]))
     return _finish(lambda: exec(given["argv"][-1], {"__name__": "__main__"}))  # noqa: S102 - its -c
 
 

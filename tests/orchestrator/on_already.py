@@ -38,15 +38,15 @@ def where_asked(**given: Any) -> Any:
 
 def in_run_servers() -> None:
     """Have the run server that this process starts fly such vehicles where a run asks for it."""
-    start = multiprocessing.util.spawnv_passfds  # type: ignore[attr-defined]
+    start: Any = multiprocessing.util.spawnv_passfds
     first = (
         f"import sys; sys.path.append({str(ROOT)!r}); from tests.orchestrator import on_already; "
         "on_already.vehicle_backends.EmbeddedConfig = on_already.where_asked; "
     )
 
-    def started(path: bytes | str, words: Sequence[str], descriptors: Sequence[int]) -> int:
+    def started(path: bytes, words: Sequence[str], descriptors: Sequence[int]) -> int:
         if "multiprocessing.forkserver" in words[-1]:
             words = [*words[:-1], first + words[-1]]
         return int(start(path, words, descriptors))
 
-    multiprocessing.util.spawnv_passfds = started  # type: ignore[attr-defined]
+    setattr(multiprocessing.util, "spawnv_passfds", started)  # noqa: B010 - a function is replaced

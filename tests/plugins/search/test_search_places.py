@@ -15,7 +15,11 @@ from tests.plugins.search.searches import SEARCH, write_search
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.cluster import ray_engine
 
-BRIEF = SEARCH.replace("steps: 3", "steps: 2").replace("sim: 3", "sim: 2").replace("reduce: 2", "reduce: 0")
+BRIEF = (
+    SEARCH.replace("steps: 3", "steps: 2")
+    .replace("sim: 3", "sim: 2")
+    .replace("reduce: 2", "reduce: 0")
+)
 ASKING = {"modes: [sim]": "modes: [sim, real]\nbench: hall-a"}
 OF_BENCH = """\
     fence: {key: geofence.box.up_m.1, from: 5, to: 500}

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.faults.inspection import roles
 from tests.faults.relay import Position
 from tests.orchestrator.conftest import STEP, NoCommands
 from tests.orchestrator.wall_runs import (
@@ -51,9 +52,9 @@ def pid_of(folder: Path, event: str) -> int:
     return next(int(str(one["pid"])) for one in guard_of(folder) if one["event"] == event)
 
 
-def parent_of(pid: int) -> int:
-    """Return the process that started another: of the guard, the one that flies the run."""
-    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+def flight_of(program: Program) -> int:
+    """Return the process that flies the run."""
+    return roles(program.process.pid, program.runtime)["flight"].pid
 
 
 @contextlib.asynccontextmanager
@@ -88,7 +89,7 @@ async def landed_of(program: Program, mode: str, seed: int) -> tuple[Landed, int
     folder = program.run_folder(mode)
     guard = pid_of(folder, "opened")
     vehicles = [int(str(one["pid"])) for one in guard_of(folder) if one["event"] == "started"]
-    async with stopped_at_random([parent_of(guard), guard, *vehicles], seed) as stopped:
+    async with stopped_at_random([flight_of(program), guard, *vehicles], seed) as stopped:
         landed = await program.end()
     return landed, len(stopped)
 
@@ -113,7 +114,7 @@ async def hanging(program: Program) -> tuple[Path, int]:
     """Have the process that flies a run hang; return the run's folder and the process."""
     await program.stage("goal", mode="sim")
     folder = program.run_folder("sim")
-    flight = parent_of(pid_of(folder, "opened"))
+    flight = flight_of(program)
     os.kill(flight, signal.SIGSTOP)
     return folder, flight
 
