@@ -37,7 +37,6 @@ FORKED = frozenset(
         "tests.faults.exceptions.guard_program",
         "tests.safety.guard.fake_vehicle_program",
         "wil_campaign.safety.guard.process",
-        "wil_campaign.vehicles.embedded",
         "wil_campaign.vehicles.vehicle_server",
     }
 )
@@ -45,12 +44,16 @@ FORKED = frozenset(
 _server: list[Mapping[str, str]] = []
 
 
+_Stream = tuple[asyncio.StreamReader, asyncio.ReadTransport]
+
+
 class Forked:
     """A forked program, as `asyncio.subprocess.Process` is a started one."""
 
-    def __init__(self, process: ForkedProcess, streams: Sequence[asyncio.StreamReader]) -> None:
+    def __init__(self, process: ForkedProcess, streams: Sequence[_Stream]) -> None:
         self.pid = process.pid
-        self.stdout, self.stderr = (*streams, None, None)[:2]
+        self.stdout, self.stderr = (*(reader for reader, _ in streams), None, None)[:2]
+        self._transports = [transport for _, transport in streams]
         self.returncode: int | None = None
         self._process = process
         self._ended = asyncio.Event()
@@ -78,6 +81,12 @@ class Forked:
     async def wait(self) -> int:
         """Wait for its end; return its exit code."""
         await self._ended.wait()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(1.0):  # what it has started may hold them
+                while not all(one.is_closing() for one in self._transports):  # noqa: ASYNC110
+                    await asyncio.sleep(0.01)
+        for one in self._transports:
+            one.close()
         assert self.returncode is not None
         return self.returncode
 
@@ -184,7 +193,12 @@ def fork(
     """
     start_environment = _preloaded()
     argv = [sys.executable, *words]
-    given = {"argv": argv, "environment": dict(environment), "cwd": str(cwd)}
+    given = {
+        "argv": argv,
+        "environment": dict(environment),
+        "cwd": str(cwd),
+        "parent": os.getpid(),
+    }
     numbers = (0, 1, 2, END, *inherited)
     request = fork_server._Request(
         (*_PROGRAM, json.dumps(given)), dict(start_environment), "/", fork_server._umask(), numbers
@@ -207,12 +221,12 @@ def fork(
     return process
 
 
-async def _read(descriptor: int) -> asyncio.StreamReader:
+async def _read(descriptor: int) -> _Stream:
     loop = asyncio.get_running_loop()
     reader = asyncio.StreamReader()
     file = os.fdopen(descriptor, "rb", 0)
-    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), file)
-    return reader
+    transport, _ = await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), file)
+    return reader, transport
 
 
 def _preloaded() -> Mapping[str, str]:

@@ -31,6 +31,7 @@ _SPARE_BYTES = 1 << 16
 _forked = contextlib.ExitStack()
 _RUN_SERVER = "wil_campaign.orchestrator.campaign.workers.run_server_imports"
 _IMPORTED = (
+    "tests.safety.guard.fake_vehicle_program",
     "wil_campaign.orchestrator.cli.commands.run",
     "wil_campaign.orchestrator.operator.local_commands",
     "wil_campaign.safety.guard.process.guard_process",
@@ -54,6 +55,8 @@ def _run(words: list[str]) -> int:
     """Run a program in a forked process; return its exit code."""
     given = json.loads(words[0])
     argv: list[str] = given["argv"]
+    # A guard writes down who started it.
+    setattr(os, "getppid", lambda: given["parent"])  # noqa: B010 - a function is replaced
     adopt(dict(os.environ))
     _forked.enter_context(children_forked())
     os.chdir(given["cwd"])
