@@ -142,9 +142,13 @@ class ForkedPopen:
                 reading, stdout = os.pipe()
                 stack.callback(os.close, stdout)
                 self.stdout = os.fdopen(reading, "rb")
-            streams = (stdin, 1 if stdout is None else stdout, 2 if stderr is None else stderr)
+            of_ours = ((stdin, None), (stdout, 1), (stderr, 2))
+            first, second, third = (
+                None if one == subprocess.DEVNULL else ours if one is None else one
+                for one, ours in of_ours
+            )
             environment = os.environ if env is None else env
-            self._process = fork(argv[1:], streams, environment, cwd or Path.cwd())
+            self._process = fork(argv[1:], (first, second, third), environment, cwd or Path.cwd())
         self.pid = self._process.pid
 
     def __enter__(self) -> Self:
@@ -177,6 +181,13 @@ class ForkedPopen:
         if self.poll() is None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self.pid, number)
+
+
+class ForkedSubprocess:
+    """`subprocess`, for a module that starts one of our programs."""
+
+    PIPE = subprocess.PIPE
+    Popen = ForkedPopen
 
 
 def fork(

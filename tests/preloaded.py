@@ -34,6 +34,8 @@ _IMPORTED = (
     "tests.safety.guard.fake_vehicle_program",
     "wil_campaign.orchestrator.cli.commands.run",
     "wil_campaign.orchestrator.operator.local_commands",
+    "wil_campaign.plugins.cluster.node_results",
+    "wil_campaign.plugins.cluster.travelling_files",
     "wil_campaign.safety.guard.process.guard_process",
     "wil_campaign.vehicles.embedded.process.embedded_process",
 )
@@ -67,7 +69,7 @@ def _run(words: list[str]) -> int:
     sys.argv = argv[argv.index("-m") + 1 :]
     if "-P" not in argv[: argv.index("-m")]:
         sys.path.insert(0, str(Path.cwd()))
-    if not name.startswith("wil_campaign."):  # those that do start none
+    if not name.startswith(("wil_campaign.safety", "wil_campaign.vehicles")):  # they start none
         _keep_run_server()
     return _finish(lambda: runpy.run_module(name, run_name="__main__", alter_sys=True))
 

@@ -9,7 +9,8 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from tests.orchestrator.wall_runs import ROOT, SHORT, STAYING, Program
+from tests.forks import ROOT, ForkedPopen
+from tests.orchestrator.wall_runs import SHORT, STAYING, Program
 from tests.ports import free_port
 from tests.vehicles.sources.pumping import pump
 from wil_campaign.vehicles.perception.blobs import BlobFinder
@@ -22,21 +23,20 @@ CAMERA = Intrinsics.from_fov(160, 120, 1.2)
 
 
 @asynccontextmanager
-async def simulator() -> AsyncIterator[tuple[str, "subprocess.Popen[str]"]]:
+async def simulator() -> AsyncIterator[tuple[str, ForkedPopen]]:
     """The reference simulator, in a process of its own; gives its address."""
     process = await asyncio.to_thread(
-        subprocess.Popen,
+        ForkedPopen,
         [
             *(sys.executable, "-m", "wil_campaign.vehicles.sources.reference_simulator"),
             *("--world", "worlds/gate.yaml", "--bind", "tcp://127.0.0.1:*"),
         ],
         cwd=ROOT,
         stdout=subprocess.PIPE,
-        text=True,
     )
     assert process.stdout is not None
     try:
-        yield (await asyncio.to_thread(process.stdout.readline)).strip(), process
+        yield (await asyncio.to_thread(process.stdout.readline)).decode().strip(), process
     finally:
         process.kill()
         process.wait()
