@@ -47,9 +47,7 @@ def source(path: Path | str) -> tuple[str, ...]:
 
 
 def test_a_film_of_a_wall_and_the_gate_that_is_not_there(fly_run: Fly, tmp_path: Path) -> None:
-    result, folder = fly_run(
-        boots=True, cameras=SMALL_CAMERAS, sets=source(film(tmp_path / "wall.mp4", 40.0))
-    )
+    result, folder = fly_run(cameras=SMALL_CAMERAS, sets=source(film(tmp_path / "wall.mp4", 40.0)))
     assert (result.verdict, result.reason) == ("PASS", "")
     assert result.outside is not None
     (one,) = result.outside.sources
@@ -75,14 +73,14 @@ def test_a_recording_that_fails_in_flight_is_an_error_and_lands(
     fly_run: Fly, tmp_path: Path, ending: str
 ) -> None:
     if ending == "is over":
-        given, said = film(tmp_path / "short.mp4", 12.0), "the recording is over"
+        given, said = film(tmp_path / "short.mp4", 6.0), "the recording is over"
     else:
         given, said = tmp_path / "images", "images are 80x60"
         given.mkdir()
-        for k in range(12 * HZ):
-            size = SIZE if k < 11 * HZ else (80, 60)
+        for k in range(6 * HZ):
+            size = SIZE if k < 5 * HZ else (80, 60)
             cv2.imwrite(str(given / f"{k}.png"), np.full((size[1], size[0], 3), 90, np.uint8))
-    result, folder = fly_run(boots=True, cameras=SMALL_CAMERAS, sets=source(given))
+    result, folder = fly_run(cameras=SMALL_CAMERAS, sets=source(given))
     assert result.verdict == "ERROR"
     assert said in result.reason
     assert all_landed(folder)
@@ -148,10 +146,10 @@ def test_a_live_camera_that_stalls_or_dies_in_flight(
 ) -> None:
     def opened(address: str, *, intrinsics: Any, **_: Any) -> FakeLive:
         assert address == "rtp://127.0.0.1:5600"
-        return FakeLive(intrinsics, 18.0, error, freezes=False)
+        return FakeLive(intrinsics, 12.0, error, freezes=False)
 
     monkeypatch.setattr("wil_campaign.orchestrator.external.external_cameras.live_camera", opened)
-    result, folder = fly_run(boots=True, cameras=SMALL_CAMERAS, sets=source("rtp://127.0.0.1:5600"))
+    result, folder = fly_run(cameras=SMALL_CAMERAS, sets=source("rtp://127.0.0.1:5600"))
     assert result.verdict == verdict
     assert all_landed(folder)
     assert result.outside is not None
@@ -166,10 +164,10 @@ def test_a_live_camera_that_repeats_its_last_image_with_new_stamps_proves_nothin
     fly_run: Fly, monkeypatch: pytest.MonkeyPatch, freezes: bool
 ) -> None:
     def opened(_: str, *, intrinsics: Any, **__: Any) -> FakeLive:
-        return FakeLive(intrinsics, 18.0, freezes=freezes)
+        return FakeLive(intrinsics, 12.0, freezes=freezes)
 
     monkeypatch.setattr("wil_campaign.orchestrator.external.external_cameras.live_camera", opened)
-    result, folder = fly_run(boots=True, cameras=SMALL_CAMERAS, sets=source("rtp://127.0.0.1:5600"))
+    result, folder = fly_run(cameras=SMALL_CAMERAS, sets=source("rtp://127.0.0.1:5600"))
     assert all_landed(folder)
     assert result.outside is not None
     (camera,) = result.outside.sources
