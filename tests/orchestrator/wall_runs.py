@@ -27,7 +27,16 @@ PATIENT = (
     *(f"vehicles.{name}.telemetry.max_gap_s=5" for name in ("real", "twin")),
 )
 """Small pictures, and limits that a loaded machine does not exceed: what is tested is who lives."""
-SHORT = tuple(word for one in (*STEP, "controls={}") for word in ("--set", one))
+
+
+def at_rate(hz: int) -> tuple[str, ...]:
+    """Return the words for so many pictures a second, of the cameras and mixed."""
+    cameras = (f"vehicles.{name}.sensors.camera.rate_hz={hz}" for name in ("real", "twin"))
+    each = (*cameras, f"recipe.sensors.camera.rate_hz={hz}")
+    return tuple(word for one in each for word in ("--set", one))
+
+
+SHORT = (*at_rate(5), *(word for one in (*STEP, "controls={}") for word in ("--set", one)))
 """Up, a step ahead, and down, far from the gate: close by, pictures that a loaded machine mixes a
 tenth of a second late show it far from its place, which rightly makes the run INVALID."""
 STAYING = (

@@ -10,7 +10,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from tests.forks import ROOT, ForkedPopen
-from tests.orchestrator.wall_runs import SHORT, STAYING, Program
+from tests.orchestrator.wall_runs import SHORT, STAYING, Program, at_rate
 from tests.ports import free_port
 from tests.vehicles.sources.pumping import pump
 from wil_campaign.vehicles.perception.blobs import BlobFinder
@@ -68,7 +68,7 @@ async def test_a_simulator_draws_the_twins_world_and_a_second_program_sees_the_m
     async with simulator() as (address, _):
         watching = asyncio.create_task(watch(port, seen))
         given = (
-            *(*SHORT, *sets("autonomy.with={speed_m_s: 0.3, for_s: 4}")),
+            *(*SHORT, *at_rate(15), *sets("autonomy.with={speed_m_s: 0.3, for_s: 4}")),
             *sets(drawn_by(address, 3000), f"deliver=[{{rtp: '127.0.0.1:{port}'}}]"),
         )
         async with Program(tmp_path / "out", "--mode", "wil", "--json", *given) as program:

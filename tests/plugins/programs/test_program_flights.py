@@ -6,7 +6,7 @@ import textwrap
 from pathlib import Path
 
 from tests.orchestrator.external.test_external_flights import sets
-from tests.orchestrator.wall_runs import SHORT, Program
+from tests.orchestrator.wall_runs import SHORT, Program, at_rate
 from tests.ports import free_port
 
 FLY = """
@@ -90,7 +90,7 @@ async def test_a_program_is_sent_mixtures_of_the_size_that_the_recipe_gives_them
     recipe.write_text(textwrap.dedent(CROPPED))
     command = json.dumps([sys.executable, str(script)])
     given = (
-        *(*SHORT, *sets(f"autonomy={{program: {command}}}", f"recipe={recipe}")),
+        *(*SHORT, *at_rate(15), *sets(f"autonomy={{program: {command}}}", f"recipe={recipe}")),
         *sets(f"deliver=[{{rtp: '127.0.0.1:{free_port()}'}}]"),
     )
     async with Program(tmp_path / "out", "--mode", "wil", "--json", *given) as program:

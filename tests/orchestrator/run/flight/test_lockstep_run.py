@@ -83,10 +83,10 @@ async def stopped_at_random(pids: list[int], seed: int) -> AsyncIterator[list[in
             await task
 
 
-async def landed_of(program: Program, mode: str, seed: int) -> tuple[Landed, int]:
+async def landed_of(program: Program, seed: int) -> tuple[Landed, int]:
     """Stop the processes of a run at random from its arming on; return how often, and its end."""
-    await program.stage("arm", mode=mode)
-    folder = program.run_folder(mode)
+    await program.stage("arm")
+    folder = program.run_folder()
     guard = pid_of(folder, "opened")
     vehicles = [int(str(one["pid"])) for one in guard_of(folder) if one["event"] == "started"]
     async with stopped_at_random([flight_of(program), guard, *vehicles], seed) as stopped:
@@ -94,14 +94,10 @@ async def landed_of(program: Program, mode: str, seed: int) -> tuple[Landed, int
     return landed, len(stopped)
 
 
-@pytest.mark.parametrize(("mode", "options"), [("sim", ()), ("wil", SHORT)])
-async def test_processes_that_are_late_make_a_flight_slow_and_not_red(
-    tmp_path: Path, mode: str, options: tuple[str, ...]
-) -> None:
-    arguments = ("--mode", mode, *PACE, *options)
-    async with Program(tmp_path / "out", *arguments, clock="scaled") as program:
-        landed, stops = await landed_of(program, mode, seed=1)
-        journal = guard_of(program.run_folder(mode))
+async def test_processes_that_are_late_make_a_flight_slow_and_not_red(tmp_path: Path) -> None:
+    async with Program(tmp_path / "out", "--mode", "wil", *PACE, *SHORT, clock="scaled") as program:
+        landed, stops = await landed_of(program, seed=1)
+        journal = guard_of(program.run_folder())
     assert landed.code == 0, landed.why
     assert stops > 4
     (run,) = json.loads(landed.out)["runs"]
