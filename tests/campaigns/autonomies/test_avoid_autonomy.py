@@ -103,7 +103,7 @@ def test_a_slower_approach_is_evaded_nearer() -> None:
     ],
     ids=["hovers", "leaves", "passes", "climbs"],
 )
-def test_what_does_not_come_nearer_is_not_evaded(place: Callable[[float], Vec3]) -> None:
+def test_it_evades_nothing_that_comes_no_nearer(place: Callable[[float], Vec3]) -> None:
     flight = avoid(place)
     assert set(flight.notes()) == {"watch"}
     assert all(math.dist(at, (0.0, 0.0, -1.2)) < 0.05 for _, at in flight.path)

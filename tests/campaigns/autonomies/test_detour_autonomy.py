@@ -127,7 +127,7 @@ def test_it_gives_up_when_its_time_is_over() -> None:
     assert flown.flight.commands[-1].done
 
 
-def test_what_was_seen_is_remembered_for_a_time_and_noise_is_nothing() -> None:
+def test_the_map_keeps_points_for_its_memory_and_takes_no_noise() -> None:
     here = Pose((0.0, 0.0, -1.5))
     seen = ObstacleMap(look_m=6.0, half_height_m=0.5, memory_s=2.0)
     seen.add(depth_image(here, 1.0, ((4.0, 0.0, 0.5),)), here, here.q_wxyz)

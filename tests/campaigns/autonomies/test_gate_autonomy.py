@@ -279,7 +279,7 @@ def test_growth_tells_how_far_and_how_large(width_m: float, gate_m: float) -> No
     assert found.width_m == pytest.approx(width_m, rel=1e-6)
 
 
-def test_what_does_not_grow_has_no_range() -> None:
+def test_a_gate_of_constant_size_has_no_range() -> None:
     looming = Looming()
     for tenth in range(10):
         looming.add(tenth * 0.1, 0.3)

@@ -127,7 +127,7 @@ def test_options_select(files: Any) -> None:
     ]
 
 
-def test_what_is_required_and_left_out_is_reported(files: Any) -> None:
+def test_required_runs_that_options_omit_are_reported(files: Any) -> None:
     assert files.load().left_out == ()
     assert files.load(cases=("large",), repetitions=6).left_out == ()
     assert files.load(modes=("sim",)).left_out == ("large/wil",)
@@ -145,7 +145,7 @@ def test_what_is_required_and_left_out_is_reported(files: Any) -> None:
     )
 
 
-def test_what_the_command_line_sets_is_named_with_what_the_file_says(files: Any) -> None:
+def test_a_command_line_setting_is_named_with_the_value_of_the_file(files: Any) -> None:
     """A limit may be among it: a PASS by that is no PASS of the file."""
     sets = ("oracles.time_limit.limit_s=500", "world.objects.gate.pose.north_m=2", "retries=3")
     assert files.load(sets=sets).caveats == (

@@ -113,5 +113,7 @@ def test_without_the_fence_of_the_other_nothing_keeps_them_apart() -> None:
         ),
     ],
 )
-def test_what_is_unsafe_or_means_nothing_is_refused(sets: tuple[str, ...], said: str) -> None:
+def test_an_unsafe_or_meaningless_attached_actor_is_refused(
+    sets: tuple[str, ...], said: str
+) -> None:
     assert said in problems(*sets)

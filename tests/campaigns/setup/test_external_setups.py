@@ -92,7 +92,7 @@ def test_sources_that_cannot_be_are_refused(files: Files, source: str, said: str
     assert all(fault.startswith("campaign.yaml:11:") for fault in faults)
 
 
-def test_what_is_registered_must_be_asked_for_a_pose(files: Files) -> None:
+def test_a_registered_camera_must_answer_for_a_requested_pose(files: Files) -> None:
     files.change(
         "    filter:", "    transform: [{register: {pose: real}}]\n    filter:", "recipe.yaml"
     )
@@ -119,7 +119,7 @@ def test_a_calibration_gives_optics_mounting_and_latency(files: Files) -> None:
     assert camera.source.latency_s == pytest.approx(0.083)
 
 
-def test_what_a_campaign_says_itself_wins_over_the_calibration(files: Files) -> None:
+def test_a_value_of_the_campaign_wins_over_the_calibration(files: Files) -> None:
     (files.folder / "cam.yaml").write_text(CALIBRATION)
     more = "{address: 'rtp://h:5600', latency_ms: 5}"
     text = f"calibration: cam.yaml, mount: {{down_m: 0.2}}, source: {more}"

@@ -179,7 +179,9 @@ def test_links_that_are_none(files: Any, link: str, autopilot: str, said: str) -
         ("system_id: 2", "both vehicles have system id 2"),
     ],
 )
-def test_what_an_attached_vehicle_cannot_have(files: Any, line: str, said: str) -> None:
+def test_a_key_that_an_attached_vehicle_cannot_have_is_refused(
+    files: Any, line: str, said: str
+) -> None:
     outside(files, "udpin://0.0.0.0:14540", line)
     found = files.faults()
     assert len(found) == 1, found
