@@ -116,7 +116,7 @@ def test_embedded_vehicles_need_nobody_s_leave() -> None:
         ({"clock": "virtual"}, "--clock virtual: real is not embedded"),
     ],
 )
-def test_what_is_refused_without_touching_anything(options: dict[str, Any], said: str) -> None:
+def test_missing_consent_is_refused_before_any_contact(options: dict[str, Any], said: str) -> None:
     error = refused(LINK % 14540, **options)
     assert error.code == 2
     assert re.search(said, str(error))

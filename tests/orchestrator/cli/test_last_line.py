@@ -12,7 +12,7 @@ from wil_campaign.orchestrator.cli.verdict_table import (
 )
 
 
-def test_what_does_not_fit_into_the_last_line_stands_above_it() -> None:
+def test_text_too_long_for_the_last_line_stands_above_it() -> None:
     left_out = tuple(f"a-long-name-of-a-case-{k}/wil" for k in range(6))
     found = replace(
         summary([result() for _ in range(3)]),

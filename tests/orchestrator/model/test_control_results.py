@@ -158,7 +158,7 @@ def test_a_control_is_a_test_case_that_succeeds_when_it_fails(
     assert names == ([] if tag is None else ["controls_unmet"])
 
 
-def test_what_is_not_judged_is_reported_in_table_and_junit() -> None:
+def test_an_oracle_that_was_not_judged_is_reported_in_table_and_junit() -> None:
     run = replace(result(), not_judged=("collision_always",))
     found = summary(run, control())
     assert conclusions(found)[-1].plain.startswith("accepted; not judged: collision_always")

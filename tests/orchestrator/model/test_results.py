@@ -88,7 +88,7 @@ def test_without_required_runs_nothing_is_accepted() -> None:
     assert exit_code([], ALL_OF_THREE) == 5
 
 
-def test_what_is_only_reported_does_not_count() -> None:
+def test_a_run_that_is_only_reported_does_not_count() -> None:
     runs = [*three("PASS", "PASS", "PASS"), result("FAIL", case="small", required=False)]
     assert exit_code(runs, ALL_OF_THREE) == 0
 
@@ -97,7 +97,7 @@ def test_what_is_only_reported_does_not_count() -> None:
     ("ended", "code"),
     [({"stopped": "signal"}, 130), ({"stopped": "command"}, 4), ({"broken": True}, 3)],
 )
-def test_what_ends_with_another_code_than_0_is_not_accepted(
+def test_a_campaign_with_another_exit_code_than_0_is_not_accepted(
     ended: dict[str, Any], code: int
 ) -> None:
     """All that is required passed, and then the campaign was stopped, or an exception came."""

@@ -313,7 +313,9 @@ def test_one_that_did_not_come_back_is_asked_for(
     assert why in said[-1]
 
 
-def test_what_must_not_fly_on_is_asked_for(hop: Callable[..., Campaign], tmp_path: Path) -> None:
+def test_a_person_is_asked_when_the_vehicle_must_not_fly_back(
+    hop: Callable[..., Campaign], tmp_path: Path
+) -> None:
     campaign = hop()
     made, asked, said = between(campaign, tmp_path / "o")
     order = RunOrder(plan=campaign.runs[0], folder=tmp_path / "o" / "run", clock="wall")
@@ -342,7 +344,7 @@ def test_a_vehicle_at_its_start_stays_there(hop: Callable[..., Campaign], tmp_pa
         (("embedded",), "", 0),
     ],
 )
-def test_who_is_asked_for(
+def test_a_person_is_asked_as_campaign_and_hardware_require(
     hop: Callable[..., Campaign],
     tmp_path: Path,
     made_of: tuple[Any, ...],

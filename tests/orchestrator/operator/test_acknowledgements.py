@@ -71,7 +71,9 @@ def test_a_command_is_acknowledged_run_by_run_with_its_place(
     assert controller.status()["acknowledged"]["waiting"] == {}
 
 
-def test_what_flies_is_shown_with_its_node_and_bench(controller: CampaignController) -> None:
+def test_the_status_shows_each_flying_run_with_its_node_and_bench(
+    controller: CampaignController,
+) -> None:
     flying = controller.status()["flying"]
     assert {run: one["place"] for run, one in flying.items()} == {
         "large/wil/1": "first",

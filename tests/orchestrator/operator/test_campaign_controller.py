@@ -135,7 +135,7 @@ async def test_a_campaign_says_on_its_machine_that_it_flies(tmp_path: Path, runt
     assert left(runtime) == []
 
 
-async def test_what_a_killed_campaign_left_is_swept_away(tmp_path: Path, runtime: Path) -> None:
+async def test_records_of_a_killed_campaign_are_removed(tmp_path: Path, runtime: Path) -> None:
     async with open_operator_channels(make_controller(tmp_path, FakeFleet())):
         record = runtime / f"campaign-{os.getpid()}.json"
         said = json.loads(record.read_text())

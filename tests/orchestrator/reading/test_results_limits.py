@@ -49,7 +49,7 @@ def test_documents_of_a_folder_are_refused_by_name(tmp_path: Path) -> None:
         read_data(folder / "summary.json")
 
 
-def test_what_is_nested_too_deep_is_a_value_error(tmp_path: Path) -> None:
+def test_json_that_is_nested_too_deep_is_a_value_error(tmp_path: Path) -> None:
     deep = b"[" * 100_000
     with pytest.raises(ValueError, match="it is nested too deep"):
         loads_limited(deep)

@@ -152,7 +152,7 @@ def scan(*ranges_m: float) -> dict[str, Any]:
     return {**limits, **angles, "ranges": list(ranges_m), "intensities": []}
 
 
-def test_what_is_too_near_or_was_not_measured_is_no_free_space(tmp_path: Path) -> None:
+def test_a_beam_that_is_too_near_or_not_measured_is_no_free_space(tmp_path: Path) -> None:
     laser = "sensor_msgs/msg/LaserScan"
     found = one_of(tmp_path, "lidar", laser, scan(-math.inf, 1.0, math.inf))
     assert isinstance(found, LidarScanReading)
@@ -252,7 +252,7 @@ def test_a_fix_moves_by_its_change_of_place(tmp_path: Path) -> None:
     assert third.velocity_ned_m_s == pytest.approx((5.56, 0.0, 0.0), abs=0.01)
 
 
-def test_what_is_of_no_use_is_passed_over_and_counted(tmp_path: Path) -> None:
+def test_useless_messages_are_skipped_and_counted(tmp_path: Path) -> None:
     schema = "sensor_msgs/msg/NavSatFix"
     fixes = (fix(status=-1), fix(known=0), fix())
     bag = [("/gps", schema, AT_S + k, one) for k, one in enumerate(fixes)]

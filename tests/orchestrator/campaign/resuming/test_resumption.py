@@ -127,7 +127,7 @@ def write_result(folder: Path, plan: RunPlan, verdict: Verdict, reason: str = ""
 
 
 @pytest.mark.parametrize("verdict", ["PASS", "FAIL", "INVALID", "ERROR"])
-def test_what_is_finished_is_kept(campaign: Path, tmp_path: Path, verdict: Verdict) -> None:
+def test_a_resumption_keeps_finished_runs(campaign: Path, tmp_path: Path, verdict: Verdict) -> None:
     loaded = load_campaign(campaign)
     write_result(tmp_path, loaded.runs[0], verdict, "why")
     found, said = resume(tmp_path, loaded)
@@ -187,7 +187,7 @@ def test_a_folder_in_which_nothing_was_flown_is_no_attempt(campaign: Path, tmp_p
         ("FAIL", 9, True, True),
     ],
 )
-def test_what_is_flown_again(
+def test_a_resumption_flies_a_run_again_by_verdict_and_retries(
     campaign: Path,
     tmp_path: Path,
     *,
@@ -374,7 +374,7 @@ def fly_while_another_is_edited(order: RunOrder, report: Report, inbox: Inbox) -
     return quick_fly(order, report, inbox)
 
 
-def test_what_is_in_the_air_when_a_file_changes_is_flown_to_its_end(
+def test_a_run_in_the_air_is_flown_to_its_end_when_a_file_changes(
     campaign: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = campaign.read_text()
@@ -422,7 +422,7 @@ def test_other_versions_and_spoilt_manifests_are_not_resumed(
 
 
 @pytest.mark.usefixtures("quick")
-def test_what_another_commit_flew_is_not_resumed(
+def test_a_campaign_of_another_commit_is_not_resumed(
     campaign: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of one version, as between two releases. Changed code has a digest: "dirty" says not how."""

@@ -104,7 +104,7 @@ def test_a_run_that_is_faster_than_the_wall_tells_no_more_than_people_can_follow
     assert [news.word for news in seen if isinstance(news, Happening)] == ["landing"]
 
 
-def test_what_a_worker_prints_stays_off_stdout(capfd: pytest.CaptureFixture[str]) -> None:
+def test_prints_of_a_worker_go_to_stderr(capfd: pytest.CaptureFixture[str]) -> None:
     fly_all(["noise"], jobs=1)
     out, err = capfd.readouterr()
     assert out == ""

@@ -34,7 +34,7 @@ COARSE = tuple(
 SETS = (FLOWN, BLIND, *COARSE, "recipe.sensors.camera.rate_hz=5")
 
 
-def test_what_does_not_evade_is_touched_by_the_vehicle_that_flies_at_it(fly_run: Fly) -> None:
+def test_the_intruder_touches_a_vehicle_that_does_not_evade(fly_run: Fly) -> None:
     result, folder = fly_run("avoid", "fast", "sim", sets=SETS)
     assert (result.verdict, result.decided_by) == ("FAIL", "collision/twin"), result.reason
     (actor,) = result.actors

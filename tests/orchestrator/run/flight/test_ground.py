@@ -65,7 +65,7 @@ def test_a_hard_landing_fails_by_the_profile_or_by_the_campaign(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(("delay_s", "said"), [("30", True), ("0.2", False)])
-def test_what_never_moved_is_a_caveat(tmp_path: Path, delay_s: str, said: bool) -> None:
+def test_an_object_that_never_moved_is_a_caveat(tmp_path: Path, delay_s: str, said: bool) -> None:
     result = flown(tmp_path, STILL, DRONE % delay_s)
     assert result.verdict == "PASS"
     assert result.unmoved == (("drone",) if said else ())

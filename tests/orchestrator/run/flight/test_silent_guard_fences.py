@@ -183,7 +183,7 @@ def test_an_answer_to_a_proposal_that_was_given_up_is_not_one_to_the_next() -> N
         ),
     ],
 )
-def test_what_the_guard_took_before_it_landed_is_not_called_refused(
+def test_a_fence_taken_before_the_landing_is_not_reported_as_refused(
     kind: EventKind, text: str, answer: tuple[bool, str], has: str
 ) -> None:
     async def script(rig: Rig) -> None:

@@ -23,7 +23,7 @@ WALL = SceneObject(2, "wall", box((0.1, 9.0, 9.0)), Pose((WALL_M, 0.0, 0.0)))
 @pytest.mark.parametrize(
     ("real_m", "unknown"), [(None, None), (WALL_M - 0.5, True), (WALL_M + 0.5, False)]
 )
-def test_what_stands_behind_what_the_real_camera_sees_is_unknown(
+def test_an_object_behind_a_real_surface_is_unknown(
     real_m: float | None, unknown: bool | None
 ) -> None:
     views = ExpectedViews(real=Scene(), virtual=Scene((WALL,)), events={})

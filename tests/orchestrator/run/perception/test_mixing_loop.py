@@ -656,7 +656,7 @@ def test_a_limit_that_nothing_shows_to_be_kept_makes_the_flight_invalid(
     assert (found and found[:2]) == (None if limit_px is None else ("INVALID", said))
 
 
-def test_what_happens_before_the_goal_spoils_nothing() -> None:
+def test_bad_mixing_before_the_goal_spoils_nothing() -> None:
     async def feed(flight: Flight) -> None:
         for k in range(60):
             flight.deliver(k * 0.1, twin_s=k * 0.1 - 0.5 if k < 9 else None)
@@ -721,7 +721,7 @@ def seen_by(publish: str, **shown: bool) -> Any:
 @pytest.mark.parametrize(
     ("twins", "verdicts"), [({"gate": True, "wall": True}, ["INVALID"]), ({"gate": True}, [])]
 )
-def test_what_the_twins_autonomy_perceives_speaks_for_nobody_who_is_judged(
+def test_images_of_the_twins_autonomy_prove_nothing_for_the_judged_vehicle(
     twins: dict[str, bool], verdicts: list[str]
 ) -> None:
     async def fly() -> RunState:

@@ -61,7 +61,7 @@ def test_a_thing_that_moved_since_it_was_drawn_counts() -> None:
     assert error_px(HERE, moved_m=0.1) == pytest.approx(0.1 * F_PX / 3.0, rel=1e-6)
 
 
-def test_what_neither_camera_sees_does_not_count() -> None:
+def test_points_that_neither_camera_sees_do_not_count() -> None:
     behind = (-3.0, 0.0, -0.5)
     aside = (3.0, 9.0, -0.5)
     here = Pose((0.0, 0.01, -0.5))

@@ -138,7 +138,7 @@ def test_each_vehicle_may_get_one_of_its_own(fly_run: Fly) -> None:
     assert operator.aboard[-1] == {"real": (4, 3.3), "twin": (6, 4.5)}
 
 
-def test_what_one_autopilot_refuses_none_keeps(fly_run: Fly) -> None:
+def test_no_autopilot_keeps_a_fence_that_one_of_them_refuses(fly_run: Fly) -> None:
     # ArduCopter takes a fence that leaves its home out, PX4 does not.
     operator = Operator((3.5, asks(NO_WAY_HOME)))
     result, folder = flown(fly_run, operator, *MIXED, "autonomy.with.speed_m_s=0.8")
