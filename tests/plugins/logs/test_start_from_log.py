@@ -176,7 +176,9 @@ def test_the_log_of_a_run_is_flown_again(fly_run: Fly, tmp_path: Path) -> None:
         (bytes(8) + b"\xfd" + bytes(300), "has no message of an autopilot"),
     ],
 )
-def test_what_is_no_log(tmp_path: Path, capsys: Capture, content: bytes, text: str) -> None:
+def test_a_file_that_is_no_log_is_refused(
+    tmp_path: Path, capsys: Capture, content: bytes, text: str
+) -> None:
     path = tmp_path / "log"
     path.write_bytes(content)
     assert main(["init", "again", "--in", str(tmp_path / "x"), "--from", str(path)]) == 2

@@ -86,7 +86,7 @@ def test_a_good_command_is_obeyed(kind: str) -> None:
         (command_bytes(session="20261121T000000Z"), "for another session of the campaign"),
     ],
 )
-def test_what_is_wrong_is_refused_with_the_reason(payload: bytes, why: str) -> None:
+def test_a_wrong_command_is_refused_with_the_reason(payload: bytes, why: str) -> None:
     with pytest.raises(RefusedCommandError) as refused:
         read(payload)
     assert str(refused.value).startswith(why)

@@ -30,7 +30,7 @@ def test_a_run_s_standing_and_its_vehicles() -> None:
     }
 
 
-def test_what_happens_is_important() -> None:
+def test_events_are_important_publications() -> None:
     def of(kind: str, word: str) -> Publication:
         news = Happening("large/wil/1", 9.0, kind, word, "real", "said")  # type: ignore[arg-type]
         (publication,) = publications(news)
@@ -50,7 +50,7 @@ def publication(topic: str, number: int, *, important: bool = False) -> Publicat
     return Publication(topic, b"%d" % number, important)
 
 
-def test_what_must_arrive_goes_first_and_all_of_it() -> None:
+def test_important_publications_go_first_and_none_is_dropped() -> None:
     async def main() -> list[tuple[str, bytes]]:
         outbox = Outbox()
         outbox.put(publication("run", 1))

@@ -11,7 +11,7 @@ from wil_campaign.plugins.outlets.outlet_setups import (
 )
 
 
-def test_what_needs_the_wall_clock_is_named_with_its_place() -> None:
+def test_outlets_that_need_the_wall_clock_are_named_with_their_place() -> None:
     outlets = tuple(
         ImageOutlet(kind="rtp", address=f"127.0.0.1:{port}", sensor="camera") for port in (1, 2)
     )

@@ -162,7 +162,7 @@ def test_a_setpoint_without_a_stamp_counts_when_it_comes() -> None:
     assert rig.act(10.05).setpoint == VelocitySetpoint((0.0, 1.0, 0.0))
 
 
-def test_what_came_before_the_goal_flies_nothing() -> None:
+def test_a_setpoint_before_the_goal_flies_nothing() -> None:
     rig = Rig()
     rig.send(10.0, 1.0, 0.0, 0.0)
     assert rig.act(10.0).setpoint == STILL

@@ -80,7 +80,7 @@ DIFFERENT = Flown(
         (FLY[:-1], "it may be hardware, and is armed only with --arm-real"),
     ],
 )
-def test_what_is_refused_without_touching_anything(
+def test_wrong_arguments_are_refused_before_any_contact(
     arguments: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(arguments) == 2
