@@ -173,7 +173,7 @@ def test_a_filter_may_work_on_the_real_side() -> None:
     assert (mixed.image_bgr[20:] == BLUE_BGR).all()
 
 
-def test_what_is_returned_does_not_change_with_the_next_frame() -> None:
+def test_a_returned_mixture_does_not_change_with_the_next_frame() -> None:
     one = mixer()
     first = one.mix(real(), twin(), now_s=1.1).reading
     assert first is not None

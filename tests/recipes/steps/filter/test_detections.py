@@ -56,7 +56,7 @@ def test_only_what_is_wanted_is_laid_over(tmp_path: Path) -> None:
         ("tiny.onnx", "gren", "did you mean 'green'?"),
     ],
 )
-def test_what_is_wrong_is_reported_with_its_place(
+def test_a_wrong_detector_is_reported_with_its_place(
     tmp_path: Path, model: str, keep: str, said: str
 ) -> None:
     with pytest.raises(BadInput) as caught:
