@@ -130,7 +130,7 @@ def test_a_velocity_that_its_own_positions_contradict_excludes_nobody() -> None:
     assert found is not None
 
 
-def test_times_that_are_mapped_inexactly_exclude_nobody_who_brakes_hard() -> None:
+def test_times_that_are_mapped_inexactly_exclude_no_vehicle_that_brakes_hard() -> None:
     def braking(t_s: float) -> Vec3:
         return (0.5 * 10.0 * min(t_s, 0.5) ** 2 + 5.0 * max(0.0, t_s - 0.5), 0.0, -1.2)
 

@@ -253,7 +253,9 @@ facts_strategy = st.builds(
 
 
 @given(st.lists(st.tuples(facts_strategy, st.floats(0.01, 4)), max_size=60), st.booleans())
-def test_whatever_it_sees(steps: list[tuple[Facts, float]], opted_in: bool) -> None:
+def test_an_obedient_vehicle_comes_down_from_any_state(
+    steps: list[tuple[Facts, float]], opted_in: bool
+) -> None:
     c = started(ContingencyPlan(terminate=opted_in))
     t_s = 0.0
     for facts, wait_s in steps:

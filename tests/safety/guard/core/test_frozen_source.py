@@ -40,7 +40,7 @@ def fly(pair: Any, seconds: float, each: Callable[[float], None]) -> None:
     pair.fly(seconds, each=lambda: each(pair.t_s - since_s))
 
 
-def test_who_leaves_the_fence_beside_a_frozen_source_is_stopped(pair: Any) -> None:
+def test_a_vehicle_that_leaves_the_fence_beside_a_frozen_source_is_stopped(pair: Any) -> None:
     anchored(pair)
 
     def each(t_s: float) -> None:

@@ -103,7 +103,7 @@ def test_one_that_may_be_in_the_air_still_is_waited_for_though_it_is_silent(
     assert not pair.core.all_down
 
 
-def test_what_befalls_the_other_brings_down_both(pair: Any) -> None:
+def test_a_breach_by_one_vehicle_brings_down_both(pair: Any) -> None:
     pair.vehicles["real"].north_m_s = 2.0
     pair.fly(15.0)
     assert pair.kinds() == ["fence"]
