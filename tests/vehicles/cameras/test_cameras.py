@@ -184,7 +184,7 @@ def test_a_slow_renderer_costs_exposures_not_order() -> None:
     assert all(arrived_s >= reading.t_s + 0.12 - 1e-9 for arrived_s, reading in got)
 
 
-def test_what_the_receiver_raises_ends_the_camera() -> None:
+def test_an_exception_of_the_receiver_ends_the_camera() -> None:
     async def main() -> None:
         history = PoseHistory(2.0)
         history.add(0.0, Pose((0.0, 0.0, 0.0)))

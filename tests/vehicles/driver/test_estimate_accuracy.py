@@ -38,5 +38,5 @@ def test_it_is_the_standard_deviation_of_the_worst_axis() -> None:
     ],
     ids=["unset", "unknown", "nan", "infinite", "negative", "position alone", "attitude alone"],
 )
-def test_what_is_not_stated_in_full_is_unknown(variances: dict[int, float]) -> None:
+def test_an_accuracy_that_is_not_stated_in_full_is_unknown(variances: dict[int, float]) -> None:
     assert accuracy_in(odometry(variances), 12.5) is None

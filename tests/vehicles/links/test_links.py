@@ -198,7 +198,7 @@ def _send_buffer_bytes(link: UdpLink) -> int:
     return own.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
 
 
-async def test_who_speaks_in_the_name_of_another_is_reported_and_not_believed() -> None:
+async def test_a_sender_in_the_name_of_another_is_reported_and_not_believed() -> None:
     async with Received() as there:
         for _ in range(30):
             there.now_s += 0.1
@@ -396,7 +396,7 @@ async def test_a_flood_from_many_places_is_received_and_not_written_to() -> None
         assert there.sent[0] == 1001
 
 
-async def test_with_signatures_everybody_is_received_for_they_settle_who_is_believed() -> None:
+async def test_a_signed_link_receives_every_sender_since_signatures_decide() -> None:
     async with Received(signed=True) as there:
         there.say(1002, _heartbeat(1))
         there.say(1001, _heartbeat(1))

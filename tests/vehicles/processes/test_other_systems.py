@@ -102,7 +102,7 @@ def test_elsewhere_runs_fly_in_virtual_time_alone(
     assert said in done.stdout + done.stderr
 
 
-def test_what_linux_alone_has_is_used_in_one_module() -> None:
+def test_functions_of_linux_alone_are_used_in_one_module() -> None:
     found = {}
     for path in sources():
         place = str(path.relative_to(ROOT))

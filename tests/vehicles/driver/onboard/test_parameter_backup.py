@@ -227,7 +227,7 @@ def killed_run(folder: Path) -> None:
     assert ended.returncode == -signal.SIGKILL
 
 
-def test_what_a_killed_run_left_is_set_back(tmp_path: Path) -> None:
+def test_parameters_that_a_killed_run_left_are_set_back(tmp_path: Path) -> None:
     killed_run(tmp_path)
     # It set them; B has been changed by somebody since, which is none of our business.
     access = Access(A=5, B=3.3)

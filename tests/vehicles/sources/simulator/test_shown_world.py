@@ -57,7 +57,7 @@ def test_where_moving_objects_are_is_of_the_time_and_leaves_out_what_stands() ->
     assert early != late
 
 
-def test_what_is_left_out_agrees() -> None:
+def test_omitted_facts_of_the_shown_world_agree() -> None:
     assert disagreements(ASKED, shown_world(Header.unpack(pack({})))) == ()
 
 

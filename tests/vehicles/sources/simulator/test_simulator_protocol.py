@@ -83,7 +83,7 @@ def test_the_right_answer_is_taken() -> None:
     assert np.array_equal(picture.object_ids, IDS)
 
 
-def test_what_was_not_asked_is_left_out() -> None:
+def test_depth_and_ids_that_were_not_requested_are_dropped() -> None:
     ask = Ask(5, 12.25, ASK.camera_pose, SMALL)
     picture = image_of(answer(right()), ask)
     assert picture.depth_m is None

@@ -74,7 +74,7 @@ def test_whole_vectors_are_flown(mask: int, flown: int) -> None:
         *(local(VELOCITY, frame=frame) for frame in (0, 5, 12, 20)),
     ],
 )
-def test_what_is_no_setpoint_stops_it(message: Any) -> None:
+def test_a_message_that_is_no_setpoint_stops_it(message: Any) -> None:
     assert not flies_local(message)
 
 
