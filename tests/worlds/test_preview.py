@@ -28,7 +28,7 @@ def test_a_picture_and_what_shows_in_it(tmp_path: Path, capsys: pytest.CaptureFi
     assert np.array_equal(again, first)
 
 
-def test_what_stands_in_the_real_world_only_shows_there(
+def test_a_thing_of_the_real_world_alone_shows_only_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = [str(HALL), str(tmp_path / "hall.jpg"), "--size", "64x36", "--which", "W"]

@@ -104,7 +104,7 @@ def written(folder: Path, text: str) -> Path:
         "moved",
     ],
 )
-def test_what_would_be_left_out_or_misread_is_refused(
+def test_a_gltf_file_that_would_be_misread_is_refused(
     tmp_path: Path, changes: dict[str, Any], said: str
 ) -> None:
     with pytest.raises(MeshFileError) as error:
@@ -131,7 +131,9 @@ def test_what_would_be_left_out_or_misread_is_refused(
         *("second scene", "lights"),
     ],
 )
-def test_what_is_read_as_it_is_meant_passes(tmp_path: Path, changes: dict[str, Any]) -> None:
+def test_a_gltf_file_that_is_read_as_it_is_meant_passes(
+    tmp_path: Path, changes: dict[str, Any]
+) -> None:
     assert triangles(written(tmp_path, gltf(**changes))) == [[(0, 0, 0), (1, 0, 0), (0, 1, 0)]]
 
 
