@@ -174,7 +174,7 @@ def test_a_bench_that_is_not_there_is_named_at_its_place(
     assert fault.startswith(f"campaign.yaml:{line}:{written.index(at) + 1}: {said}"), fault
 
 
-def test_a_bench_is_neither_missing_nor_given_for_nothing(files: Files, asking: Files) -> None:
+def test_a_missing_bench_and_a_needless_one_are_reported(files: Files, asking: Files) -> None:
     (missing,) = asking.faults()
     assert "asks for a bench: give the file of one" in missing
     asking.change("bench: hall-a\n", "")

@@ -85,7 +85,7 @@ def test_a_source_has_its_times(files: Files) -> None:
         ("{latency_ms: 3}", "missing key 'address'"),
     ],
 )
-def test_sources_that_cannot_be_are_refused(files: Files, source: str, said: str) -> None:
+def test_impossible_sources_are_refused(files: Files, source: str, said: str) -> None:
     with_source(files, source)
     faults = files.faults()
     assert any(said in fault for fault in faults)
@@ -179,7 +179,7 @@ def test_motion_capture_comes_from_an_address(files: Files) -> None:
         ("{address: 'udp://127.0.0.1:5570', sender: '1.2.3.4:0'}", "must be an IP address"),
     ],
 )
-def test_motion_capture_that_cannot_be_is_refused(files: Files, mocap: str, said: str) -> None:
+def test_impossible_motion_capture_is_refused(files: Files, mocap: str, said: str) -> None:
     files.change("    pose_source: mocap\n", f"    pose_source: mocap\n    mocap: {mocap}\n")
     assert any(said in fault for fault in files.faults())
 

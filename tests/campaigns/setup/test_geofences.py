@@ -221,7 +221,7 @@ def waypoints(*items: tuple[int, float, tuple[float, float]]) -> str:
 HERE, AHEAD = (0.0, 0.0, -1.0), (3.0, 0.0, -1.0)
 
 
-def test_of_several_inclusions_of_a_plan_all_count_as_in_both_autopilots(files: Any) -> None:
+def test_all_inclusions_of_a_plan_count_as_in_both_autopilots(files: Any) -> None:
     text = inclusions(square(0, 0), square(1.5, 0))
     fence = local_of(text)
     assert fence.margin_m((0.5, 0.0, -1.0)) == pytest.approx(1.0, abs=1e-4)

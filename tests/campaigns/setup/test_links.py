@@ -22,7 +22,7 @@ def test_a_link_is_bad_both_ways_unless_one_is_named(files: Any) -> None:
     )
 
 
-def test_a_outage_may_wait_for_a_stage(files: Any) -> None:
+def test_an_outage_may_wait_for_a_stage(files: Any) -> None:
     files.append("links: {twin: {blackouts: [{on: goal, after_s: 2, for_s: 3}]}}\n")
     setup = next(iter(files.load().setups.values()))
     (blackout,) = setup.links["twin"].outages
