@@ -201,7 +201,7 @@ def test_a_campaign_that_is_not_accepted_says_what_was_never_flown() -> None:
         ({}, 5, ""),
     ],
 )
-def test_where_nothing_is_required_only_exit_code_5_is_green(
+def test_a_suite_without_required_runs_is_green_by_exit_code_5_alone(
     ended: dict[str, Any], code: int, message: str
 ) -> None:
     runs = [run("PASS", 1, required=False), run("FAIL", 2, required=False)]

@@ -115,7 +115,7 @@ def test_an_abort_where_nothing_flies_is_refused_with_the_places_that_there_are(
     ("node", "bench", "meant"),
     [("", "", True), ("hall-pc", "", True), ("", "hall-a", True), ("first", "hall-a", False)],
 )
-def test_which_place_is_meant(node: str, bench: str, meant: bool) -> None:
+def test_a_command_means_a_place_by_its_node_or_bench(node: str, bench: str, meant: bool) -> None:
     assert HALL.is_meant(node=node, bench=bench) is meant
 
 

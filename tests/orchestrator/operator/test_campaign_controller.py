@@ -66,7 +66,7 @@ def test_abort_wins_and_is_reported_once(tmp_path: Path) -> None:
     assert said[0].startswith("hold by anna: held: 1 run in flight")
 
 
-def test_while_held_nothing_is_begun(tmp_path: Path) -> None:
+def test_nothing_is_begun_while_held(tmp_path: Path) -> None:
     fleet = FakeFleet(flying=2)
     controller = make_controller(tmp_path, fleet)
     with pytest.raises(RefusedLineError, match="no vehicle holds"):

@@ -72,7 +72,7 @@ def test_a_long_log_keeps_its_first_events_and_every_stage(tmp_path: Path) -> No
     assert most_bytes < 2 * path.stat().st_size
 
 
-def test_of_a_long_trajectory_the_first_rows_are_read(
+def test_the_first_rows_of_a_long_trajectory_are_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "trajectory.csv"

@@ -119,7 +119,7 @@ def test_a_stamp_of_0_loses_no_reading(
 @pytest.mark.parametrize(
     ("said", "meant"), [(2.5, 2.5), (9.0, math.inf), (math.inf, math.inf), (-math.inf, 0.25)]
 )
-def test_a_range(tmp_path: Path, said: float, meant: float) -> None:
+def test_a_range_message_becomes_a_reading(tmp_path: Path, said: float, meant: float) -> None:
     found = one_of(tmp_path, "rangefinder", "sensor_msgs/msg/Range", distance(said))
     assert isinstance(found, RangefinderReading)
     assert (found.range_m, found.range_min_m, found.range_max_m) == (meant, 0.25, 8.0)

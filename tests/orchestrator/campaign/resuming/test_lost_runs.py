@@ -189,7 +189,7 @@ def test_a_start_after_a_line_that_was_cut_off_is_read(tmp_path: Path) -> None:
     assert newest_session(tmp_path) == "second"
 
 
-def test_which_runs_are_real(tmp_path: Path) -> None:
+def test_a_run_is_real_where_a_real_vehicle_flies(tmp_path: Path) -> None:
     sim = load_campaign(write_hover(tmp_path))
     assert not any(map(real_runs(sim, "real"), sim.plans))
     path, bench = write_campaign(tmp_path), write_bench(tmp_path)

@@ -442,7 +442,9 @@ def test_a_campaign_of_another_commit_is_not_resumed(
 
 
 @pytest.mark.usefixtures("quick")
-def test_two_do_not_fly_into_one_folder(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_programs_do_not_fly_into_one_folder(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(campaign) == 0
     with held(folder_of(campaign)):
         assert run(campaign, "--resume") == 3
@@ -566,7 +568,7 @@ def resumed(campaign: Path) -> dict[str, Any]:
     return summary
 
 
-def test_killed_between_two_runs(campaign: Path) -> None:
+def test_a_resumption_keeps_the_runs_before_a_kill_between_two_runs(campaign: Path) -> None:
     context = multiprocessing.get_context("forkserver")
     process = context.Process(target=fly_until_killed, args=(campaign,))
     process.start()
@@ -606,7 +608,7 @@ def killed(campaign: Path, *options: str, when: Callable[[], object], all_at_onc
         (os.killpg if all_at_once else os.kill)(running.pid, signal.SIGKILL)
 
 
-def test_killed_alone_during_a_run_that_then_lands(campaign: Path) -> None:
+def test_a_run_that_lands_after_a_kill_is_flown_again(campaign: Path) -> None:
     with slowed(campaign, "1"):
         at_goal = partial(reaches_goal, campaign)
         killed(campaign, when=at_goal, all_at_once=False)
@@ -616,7 +618,7 @@ def test_killed_alone_during_a_run_that_then_lands(campaign: Path) -> None:
     assert first["reason"].startswith("passed at attempt 2; before: ")
 
 
-def test_killed_twice_with_its_run_no_run_is_counted_twice(campaign: Path) -> None:
+def test_no_run_counts_twice_after_two_kills_with_its_run(campaign: Path) -> None:
     """As when the power goes: in the middle of a run, and once more after it was flown again."""
     with slowed(campaign, "0.02"):
         killed(campaign, when=partial(reaches_goal, campaign), all_at_once=True)

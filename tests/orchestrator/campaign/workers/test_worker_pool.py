@@ -293,7 +293,7 @@ async def test_a_process_that_no_kill_ends_is_not_waited_for() -> None:
     assert None not in waited
 
 
-def test_while_paused_no_order_is_begun() -> None:
+def test_no_order_is_begun_while_paused() -> None:
     outcomes: Outcomes = {}
     begun: list[str] = []
 

@@ -181,7 +181,7 @@ def test_a_run_that_hangs_before_its_first_word_ends_with_the_first_signal(
     assert "not accepted; never flown: 1 of 2; stopped by Ctrl-C or SIGTERM\n" in said
 
 
-def test_before_it_flies_a_document_says_that_nothing_has_passed(
+def test_a_document_says_that_nothing_has_passed_before_it_flies(
     campaign: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     junit = campaign.parent / "ci" / "junit.xml"

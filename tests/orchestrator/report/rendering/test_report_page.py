@@ -173,7 +173,7 @@ def test_a_passing_run_begins_with_why_it_passed(page: str) -> None:
     assert places == sorted(places)
 
 
-def test_a_control_that_failed_as_it_must_is_not_red(tmp_path: Path) -> None:
+def test_a_control_that_failed_as_expected_is_not_red(tmp_path: Path) -> None:
     folder = write_campaign(tmp_path / "gate")
     file = folder / "large/wil/1/result.json"
     document = json.loads(file.read_text("utf-8"))

@@ -68,7 +68,7 @@ def test_equal_runs_with_an_actor_are_equal_to_the_byte(fly_run: Fly) -> None:
     assert one == other
 
 
-def test_in_reality_the_contact_with_the_vehicle_is_physical(fly_run: Fly) -> None:
+def test_a_contact_with_the_actor_in_mode_real_fails_the_run(fly_run: Fly) -> None:
     result, _ = fly_run("avoid", "fast", "real", sets=SETS)
     assert result.verdict == "FAIL"
     assert "touched intruder" in result.reason

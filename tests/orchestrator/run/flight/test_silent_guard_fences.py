@@ -133,7 +133,7 @@ def test_a_fence_that_the_guard_never_took_is_put_back(
     assert (rig.aboard.has, rig.aboard.unsettled, rig.shown) == ("old", (), [])
 
 
-def test_no_further_change_is_taken_while_it_is_not_known() -> None:
+def test_no_further_fence_is_taken_while_the_last_answer_is_missing() -> None:
     async def script(rig: Rig) -> None:
         rig.ask()
         await asyncio.sleep(5.0)

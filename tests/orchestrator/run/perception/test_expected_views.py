@@ -40,7 +40,7 @@ def test_an_object_behind_a_real_surface_is_unknown(
 
 
 @pytest.mark.parametrize(("columns", "cast"), [(90, 90), (375, 375), (750, 375)])
-def test_of_a_lidar_with_many_beams_only_some_are_cast(columns: int, cast: int) -> None:
+def test_only_some_beams_of_a_large_lidar_are_cast(columns: int, cast: int) -> None:
     pattern = SimpleNamespace(columns=columns, rings=8, lowest_rad=-0.2, highest_rad=0.2)
     lidar: Any = SimpleNamespace(pattern=pattern)
     assert len(_some_beams(lidar)) == cast * pattern.rings

@@ -178,7 +178,7 @@ def test_a_short_outage_in_the_middle_is_waited_for(fly_run: Fly) -> None:
     assert operator.aboard[-1] == {"twin": (3, 3.0)}
 
 
-def test_a_outage_that_does_not_end_leaves_the_old_one(fly_run: Fly) -> None:
+def test_an_outage_that_does_not_end_leaves_the_old_fence(fly_run: Fly) -> None:
     operator = Operator((1.0, asks(TIGHTER)))
     operator.on_goal = lambda pair: go_dark(pair, 1.05, 6.0)
     result, folder = flown_alone(fly_run, operator, CAN_GO_DARK)

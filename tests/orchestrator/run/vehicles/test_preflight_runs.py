@@ -85,7 +85,7 @@ def test_steps_before_arming_are_recorded_in_their_order(fly_run: Fly) -> None:
     assert [(line["step"], line["text"]) for line in noted] == [(o.step, o.text) for o in steps]
 
 
-def test_the_step_that_speaks_against_arming_is_the_last(hover: Any) -> None:
+def test_the_step_that_prevents_arming_is_the_last(hover: Any) -> None:
     flight = hover("preflight.start_tolerance_m=1e-12")
     *before, last = flight.result.before_arming
     assert (last.step, last.ok) == ("preflight", False)
