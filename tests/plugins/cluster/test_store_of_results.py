@@ -313,7 +313,7 @@ def test_a_node_that_sees_another_store_is_refused(
         (["--engine", "ray", "--store", "nothing://x"], "nothing://x"),
     ],
 )
-def test_a_store_that_there_is_not_is_exit_2(
+def test_a_missing_store_is_exit_2(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], said: str
 ) -> None:
     out = tmp_path / "out"

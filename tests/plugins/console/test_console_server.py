@@ -168,7 +168,7 @@ async def test_a_fence_is_checked_before_it_is_sent(
     )
 
 
-async def test_of_a_flood_of_unauthorised_commands_none_is_accepted(console: Console) -> None:
+async def test_no_command_of_an_unauthorised_flood_is_accepted(console: Console) -> None:
     await console.client()
     host = console.origin.removeprefix("http://")
     reader, writer = await asyncio.open_connection(*host.split(":"))
@@ -321,7 +321,7 @@ def test_an_address_that_others_reach_needs_tls(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "127.0.0.1", ":8000", "localhost:1", "[::1]:8000"])
-def test_loopback_is_safe_without(text: str) -> None:
+def test_loopback_is_safe_without_tls(text: str) -> None:
     require_safe(ConsoleAddress.parse(text), tls=False)
 
 

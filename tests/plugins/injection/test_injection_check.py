@@ -148,7 +148,7 @@ def test_a_parameter_that_was_just_set_and_needs_a_boot_does_not_count() -> None
         ("BRAKE", "velocity", "in mode BRAKE: simple avoidance is not used"),
     ],
 )
-def test_how_it_is_flown_is_held_against_what_was_proven(
+def test_mode_and_setpoints_in_flight_are_compared_with_the_proof(
     mode: str, steered_by: Setpoints | None, said: str
 ) -> None:
     context = FakeStation(steered_by=steered_by)

@@ -207,7 +207,7 @@ def test_damage_in_a_tlog_is_skipped_and_reported(tmp_path: Path) -> None:
     assert len(flight.track) > 125
 
 
-def test_of_several_flights_the_longest_is_flown() -> None:
+def test_the_longest_of_several_flights_is_flown() -> None:
     def flight(begin_s: float, up_s: int) -> list[TrackPoint]:
         ups = [0.0, 0.0, *([2.0] * up_s), 0.0]
         return [TrackPoint(begin_s + k, 1.5 * k, 0.0, up, 0.0) for k, up in enumerate(ups)]

@@ -85,7 +85,7 @@ async def arrives(peer: Any, kind: str, send: Callable[[], None]) -> None:
     pytest.fail(f"no {kind} arrived")
 
 
-async def test_all_that_is_sent_arrives_as_it_was_meant(
+async def test_each_message_arrives_as_it_was_meant(
     fake_pair: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mavsdk_client, "_FLYING_SILENT_S", 30.0)

@@ -65,7 +65,7 @@ def test_important_publications_go_first_and_none_is_dropped() -> None:
     assert run_virtual(main()) == [("verdict", b"2"), ("verdict", b"3"), ("run", b"1")]
 
 
-def test_of_what_only_stands_the_newest_is_given_five_times_a_second() -> None:
+def test_the_newest_state_is_given_five_times_a_second() -> None:
     async def main() -> list[tuple[float, bytes]]:
         loop, outbox = asyncio.get_running_loop(), Outbox()
         taken: list[tuple[float, bytes]] = []

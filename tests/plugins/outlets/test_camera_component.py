@@ -104,7 +104,7 @@ def test_further_questions_of_a_ground_station_are_answered(
     assert answer.get_type() == name
 
 
-def test_a_stream_that_is_none_is_denied() -> None:
+def test_an_unknown_stream_is_denied() -> None:
     (ack,) = answers(component(), command(2504, 2.0))
     assert ack.result == mavlink.MAV_RESULT_DENIED
     (ack,) = answers(component(), command(512, 269.0, 7.0))

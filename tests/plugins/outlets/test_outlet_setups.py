@@ -55,7 +55,7 @@ def test_deliveries_are_read_with_the_one_camera_there_is(files: Files) -> None:
         ("{rtp: '127.0.0.1:5600'}, {rtp: '127.0.0.1:5600'}", "is already used by delivery 1"),
     ],
 )
-def test_deliveries_that_cannot_be_are_refused(files: Files, deliver: str, said: str) -> None:
+def test_impossible_deliveries_are_refused(files: Files, deliver: str, said: str) -> None:
     files.append(f"deliver: [{deliver}]\n")
     assert any(said in fault for fault in files.faults())
 

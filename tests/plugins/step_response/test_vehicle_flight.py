@@ -87,7 +87,7 @@ def test_wrong_arguments_are_refused_before_any_contact(
     assert said in capsys.readouterr().err
 
 
-def test_without_fly_the_vehicle_is_identified_alone(
+def test_the_vehicle_is_only_identified_without_fly(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(vehicle_check, "find_vehicle", lambda _: SITL)

@@ -191,7 +191,7 @@ def test_an_oversized_formula_is_refused(text: str) -> None:
         parse_stl(text)
 
 
-def test_as_deep_as_may_be_is_a_formula() -> None:
+def test_a_formula_of_the_greatest_depth_is_accepted() -> None:
     inner = "(" * DEEPEST + "a" + ")" * DEEPEST
     assert shape(parse_stl(inner)) == "a"
     with pytest.raises(StlError, match=f"nested more than {DEEPEST} deep"):

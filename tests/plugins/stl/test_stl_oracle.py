@@ -84,7 +84,7 @@ def test_times_count_from_the_stage_that_opens_the_window() -> None:
 
 
 @pytest.mark.parametrize(("text", "verdict"), [("up_m >= 1", "PASS"), ("up_m > 1", "FAIL")])
-def test_exactly_at_the_limit(text: str, verdict: str) -> None:
+def test_a_strict_comparison_fails_exactly_at_the_limit(text: str, verdict: str) -> None:
     judge = stl(f"always ({text})")
     stage(judge, goal=3.0)
     heights(judge, 1.0)

@@ -154,7 +154,7 @@ def test_a_comparison_of_true_and_false_has_no_distance() -> None:
         ("a < 1 implies a > 1", True),
     ],
 )
-def test_exactly_at_the_limit(text: str, holds: bool) -> None:
+def test_strict_and_loose_comparisons_differ_exactly_at_the_limit(text: str, holds: bool) -> None:
     found = robust(text, [1.0, 1.0, 1.0])
     assert (found.value, found.holds) == (0.0, holds)
 
@@ -195,7 +195,9 @@ def test_bounds_meet_samples_to_the_nanosecond() -> None:
         ("eventually historically[0,5] (a >= 1)", [0.5, 0.5], False),
     ],
 )
-def test_whether_a_formula_can_hold_still(text: str, values: list[float], lost: bool) -> None:
+def test_a_formula_is_lost_once_it_cannot_hold_any_more(
+    text: str, values: list[float], lost: bool
+) -> None:
     assert (best(text, {"a": values}, times(len(values))[-1] + 0.1) < 0.0) is lost
 
 

@@ -90,7 +90,7 @@ def test_each_pair_of_levels_that_the_constraints_admit_stands_together(text: st
     assert points == list(fixed_points("pairwise", space, 1))
 
 
-def test_of_a_grid_too_large_to_list_pairs_are_added_from_random_combinations(
+def test_pairs_of_a_grid_too_large_to_list_come_from_random_combinations(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     space = plane(z=1, w=1, constraints=("x + y <= 0",))
@@ -341,7 +341,7 @@ def test_a_pass_far_from_everything_comes_last_until_the_gap_is_measured() -> No
     assert passed_on(values, measured, probes=1, most=10) == ["b"]
 
 
-def test_until_the_gap_is_measured_the_worst_are_passed_on_to_measure_it() -> None:
+def test_the_worst_are_passed_on_until_the_gap_is_measured() -> None:
     values = [("a", 0.9), ("b", -0.1), ("c", 0.2), ("d", 0.5)]
     unmeasured = ModeGap("sim", "wil", (0.1, 0.1))
     assert passed_on(values, unmeasured, probes=1, most=10) == ["b", "c", "d"]

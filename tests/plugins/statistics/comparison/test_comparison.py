@@ -73,7 +73,7 @@ def near(cell: str, margins_m: Sequence[float | None]) -> list[Flight]:
     return [replace(one, margin_m=each) for one, each in zip(plain, margins_m, strict=True)]
 
 
-def test_from_nothing_near_to_near_contact_is_worse() -> None:
+def test_near_contact_is_worse_than_nothing_near() -> None:
     apart, close = near("a", [None] * 10), near("a", [0.15] * 10)
     (worse,) = compared(apart, close, margin=0.5).worse
     assert (worse.what, worse.before, worse.after) == ("margin of collision", 2.0, 0.15)
@@ -489,7 +489,7 @@ def test_flights_by_other_settings_are_no_good_comparison(
         ),
     ],
 )
-def test_another_subject_is_what_a_comparison_is_for(
+def test_campaigns_of_different_subjects_may_be_compared(
     tmp_path: Path, capsys: Capture, manifest: dict[str, Any], said: str
 ) -> None:
     old, new = flown_as(tmp_path / "old"), flown_as(tmp_path / "new", **manifest)
