@@ -133,7 +133,7 @@ def test_a_correction_does_not_flicker() -> None:
     assert levels[0] > 0.93 * hall().mean()
 
 
-def test_without_the_other_side_there_is_nothing_to_match() -> None:
+def test_nothing_is_matched_without_the_other_side() -> None:
     with pytest.raises(CannotMixError):
         build("match_photometry")(Masked(reading(hall())), None)
     with pytest.raises(ValueError, match="on"):

@@ -119,7 +119,7 @@ def test_without_a_twin_the_real_picture_passes_and_is_counted() -> None:
     assert one.counts().dropped == (("no_twin", 1),)
 
 
-def test_without_a_real_picture_nothing_is_shown() -> None:
+def test_nothing_is_shown_without_a_real_picture() -> None:
     one = mixer()
     mixed: Mixed[CameraReading] = one.mix(None, twin(), now_s=1.1)
     assert mixed.reading is None

@@ -262,7 +262,7 @@ def test_a_step_may_refuse_a_frame(tmp_path: Path) -> None:
         ("bad_mask", r"returned a mask of \(3,\), not \(48, 64\)"),
     ],
 )
-def test_a_result_that_is_none_is_an_error_and_no_wrong_picture(
+def test_a_wrong_result_is_an_error_and_no_wrong_picture(
     tmp_path: Path, name: str, said: str
 ) -> None:
     with pytest.raises(StepError, match=said):
