@@ -92,7 +92,7 @@ SOUND: dict[str, dict[str, float]] = {
         (distance_item("ghost", "real", math.nan, stated_m=30.0), "refused", "is not known"),
     ],
 )
-def test_checks(item: Item, outcome: str, text: str) -> None:
+def test_each_check_has_its_outcome_and_text(item: Item, outcome: str, text: str) -> None:
     assert item.outcome == outcome
     assert text in item.text
     assert bool(refused([item])) is (outcome == "refused")

@@ -75,7 +75,7 @@ def test_a_tracker_that_repeats_its_last_pose_with_noise_is_found_within_a_secon
     assert 3.0 < found.at_s < 4.0
 
 
-def test_a_jump_and_a_bias_are_found_by_what_the_two_state() -> None:
+def test_a_jump_and_a_bias_are_found_by_the_accuracy_of_both() -> None:
     def jumped(t_s: float) -> Vec3:
         return (straight(t_s)[0] + (1.0 if t_s >= 4.0 else 0.0), 0.0, -1.2)
 

@@ -108,7 +108,7 @@ def test_a_gap_anywhere_between_takeoff_and_landed_is_invalid_at_its_time(
 
 
 @pytest.mark.parametrize("silent", [(0.2, 0.9), (4.0, 4.05), (9.1, 11.0)])
-def test_before_takeoff_after_landing_and_within_the_limit_samples_may_be_missing(
+def test_samples_may_be_missing_on_the_ground_and_within_the_limit(
     silent: tuple[float, float],
 ) -> None:
     flight = Flight()
@@ -158,7 +158,7 @@ def test_positions_that_repeat_in_the_air_are_none(since_s: float) -> None:
     assert "it repeats one position" in result.reason
 
 
-def test_on_the_ground_nothing_has_to_move() -> None:
+def test_nothing_has_to_move_on_the_ground() -> None:
     for frozen in ((0.0, 1.99), (8.9, 11.0)):
         flight = Flight()
         flight.frozen = frozen

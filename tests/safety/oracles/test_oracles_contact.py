@@ -207,7 +207,7 @@ def test_limits_given_to_the_probe_keep_the_smallest_clearance() -> None:
         ("clearance", {"min_m": 3.0}, CLEAR_AGAIN_M),
     ],
 )
-def test_where_nothing_came_near_the_margin_exceeds_what_the_oracle_sees(
+def test_the_margin_exceeds_the_sight_of_the_oracle_when_nothing_came_near(
     kind: str, more: dict[str, float], beyond_m: float
 ) -> None:
     far, close = (

@@ -28,7 +28,7 @@ def at_phase(phase: Phase, *, plan: ContingencyPlan | None = None) -> Contingenc
     return contingency
 
 
-def test_the_way_down_when_all_obeys() -> None:
+def test_an_obedient_vehicle_goes_through_all_phases_of_the_way_down() -> None:
     c = Contingency(ContingencyPlan())
     assert c.start(FLYING, 0.0) == [Action.ZERO, Action.HOLD]
     assert c.step(FLYING, 0.05) == [Action.ZERO]
@@ -80,7 +80,7 @@ def test_the_way_down_when_all_obeys() -> None:
         (Phase.PILOT, {"mode": Mode.GUIDED}, Phase.PILOT),
     ],
 )
-def test_table(phase: Phase, facts: dict[str, object], to: Phase) -> None:
+def test_each_phase_has_its_next_phase(phase: Phase, facts: dict[str, object], to: Phase) -> None:
     c = at_phase(phase)
     c.step(replace(FLYING, **facts), 0.3)  # type: ignore[arg-type] # fields by name
     assert c.phase is to

@@ -83,9 +83,7 @@ def test_a_silent_vehicle_is_not_waited_for(pair: Any) -> None:
     assert pair.core.all_down
 
 
-def test_one_that_may_be_in_the_air_still_is_waited_for_though_it_is_silent(
-    fake_vehicle: Any, rig: Any
-) -> None:
+def test_a_silent_vehicle_that_may_be_in_the_air_is_waited_for(fake_vehicle: Any, rig: Any) -> None:
     actor = GuardedVehicle(
         autopilot=Px4(), target=Target(2), fence=FENCE, lands_alone=True, attached=True
     )

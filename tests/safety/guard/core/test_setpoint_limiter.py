@@ -99,7 +99,9 @@ def test_after_a_pause_the_vehicle_s_own_motion_is_where_it_starts_from() -> Non
 
 
 @given(inside, vectors)
-def test_from_what_is_given_a_vehicle_can_stop_before_the_fence(place: Vec3, asked: Vec3) -> None:
+def test_a_vehicle_can_stop_before_the_fence_from_any_limited_setpoint(
+    place: Vec3, asked: Vec3
+) -> None:
     got = velocity_after(limiter(inside_fence=True), asked, Motion(place, STANDING))
     breach = FENCE.breached(Motion(place, got), latency_s=LATENCY_S, braking_m_s2=BRAKING_M_S2)
     assert breach is None
@@ -148,7 +150,7 @@ def test_a_far_position_is_drawn_near_by_the_speed_limit() -> None:
     )
 
 
-def test_at_an_unknown_place_nothing_is_asked_that_a_place_would_limit() -> None:
+def test_no_motion_that_a_place_would_limit_passes_at_an_unknown_place() -> None:
     made = limiter(inside_fence=True, ceiling_up_m=3.0)
     assert velocity_after(made, (1.0, 0.0, 0.0), None) == STANDING
     assert velocity_after(limiter(ceiling_up_m=3.0), (1.0, 0.0, -1.0), None) == (1.0, 0.0, 0.0)
