@@ -227,7 +227,7 @@ def test_an_asked_camera_answers_from_the_pose_it_is_given() -> None:
     run_virtual(main())
 
 
-def test_ticks() -> None:
+def test_the_next_tick_follows_the_rate() -> None:
     assert [next_tick(t_s, 10.0) for t_s in (0.0, 0.05, 0.1, 0.1000000001, 0.11)] == [0, 1, 1, 1, 2]
 
 

@@ -181,7 +181,7 @@ async def test_little_waits_in_the_kernel_until_another_address_would_take_the_r
         assert _send_buffer_bytes(there.link) == default  # there are two
 
 
-async def test_of_a_vehicle_that_has_moved_little_waits_in_the_kernel_again() -> None:
+async def test_little_waits_in_the_kernel_again_for_a_vehicle_that_has_moved() -> None:
     async with Received() as there:
         there.say(1001, _heartbeat(1))
         there.now_s += 60.0
@@ -376,7 +376,7 @@ async def test_a_ground_station_that_spoke_first_keeps_nothing_from_the_vehicle(
         assert there.answered() == [1001, 1002]  # a vehicle that is not heard may hear us
 
 
-async def test_a_flood_does_not_take_the_place_of_a_vehicle_in_a_outage() -> None:
+async def test_a_flood_does_not_take_the_place_of_a_vehicle_in_an_outage() -> None:
     async with Received() as there:
         there.say(1001, _heartbeat(1))
         for _ in range(30):

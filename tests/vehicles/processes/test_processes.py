@@ -93,7 +93,7 @@ async def test_a_process_that_ignores_sigterm_is_killed(tmp_path: Path) -> None:
     assert how_it_ended(process.exit_code) == "was ended by SIGKILL"
 
 
-async def test_one_that_is_released_goes_on() -> None:
+async def test_a_released_process_goes_on() -> None:
     process = child("import time; time.sleep(60)")
     process.start()
     assert await process.wait(0.05) is None

@@ -316,7 +316,7 @@ async def test_a_publisher_is_received() -> None:
     assert np.all(np.diff(seqs) == 1)
 
 
-async def test_an_address_that_is_none_is_reported() -> None:
+async def test_a_text_that_is_no_address_is_reported() -> None:
     with pytest.raises(SourceError, match="not a valid address"):
         async with ZmqCapture(address="hall", capture=capture(), deliver=print):
             pass

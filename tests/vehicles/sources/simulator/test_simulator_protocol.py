@@ -184,7 +184,7 @@ def test_no_change_of_the_header_gives_another_picture(key: str, value: object) 
     assert np.array_equal(picture.image_bgr, IMAGE)
 
 
-def test_greetings() -> None:
+def test_greetings_name_the_world_and_its_objects() -> None:
     (data,) = hello_parts(AskedWorld("gate", "small", ids={"gate": 2}))
     header = Header.unpack(data)
     assert (header.text("type"), header.table("objects")) == ("hello", {"gate": 2.0})
