@@ -296,7 +296,7 @@ def test_a_misspelt_path_is_mended_as_it_was_written(tmp_path: Path, above: str)
     assert faults(elsewhere, tmp_path / "none")[0].suggestion == str(place / "shelf.obj")
 
 
-def test_colours() -> None:
+def test_a_colour_is_read_and_a_wrong_one_is_refused() -> None:
     assert parse_color("#ff8000") == (255, 128, 0)
     for wrong in ("#ff80", "Orange ", [1, 2, 3, 4], [-1, 0, 0]):
         with pytest.raises(ValueError, match="colour"):

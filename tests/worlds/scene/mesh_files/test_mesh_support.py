@@ -137,7 +137,7 @@ def test_a_gltf_file_that_is_read_as_it_is_meant_passes(
     assert triangles(written(tmp_path, gltf(**changes))) == [[(0, 0, 0), (1, 0, 0), (0, 1, 0)]]
 
 
-def test_which_scene_is_meant_is_not_guessed(tmp_path: Path) -> None:
+def test_a_file_with_several_scenes_must_name_one(tmp_path: Path) -> None:
     document = json.loads(gltf(scenes=[{"nodes": [0]}, {"nodes": []}]))
     del document["scene"]
     with pytest.raises(MeshFileError, match="it has 2 scenes and does not say which"):
