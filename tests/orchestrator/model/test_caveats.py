@@ -273,7 +273,7 @@ def test_a_named_object_that_no_mixture_had_in_view_is_reported() -> None:
     assert caveat_lines(*runs)[-1] == "not accepted; never in view: gate"
 
 
-def test_readings_that_nobody_measured_are_named_beside_the_verdict() -> None:
+def test_synthesised_readings_are_named_beside_the_verdict() -> None:
     made = replace(
         summary(run()), sensors={"camera": "live", "lidar": "synthesised", "gps": "synthesised"}
     )

@@ -420,7 +420,7 @@ def test_a_failure_has_the_time_at_which_it_became_one(text: str, at_s: float | 
     assert (result.verdict, result.at_s) == ("FAIL", at_s)
 
 
-def test_a_signal_that_ends_comes_before_what_only_the_end_can_fail() -> None:
+def test_a_signal_that_ends_comes_before_a_failure_known_only_at_the_end() -> None:
     """Else positions that stop would be blamed on what they did not show."""
     result = fly(stl("eventually (up_m >= 5)"), (2.0, 0.0), (3.0, 0.0))
     silent = DecisiveEvent(8.0, "INVALID", "no sample since 4 s", "evidence/pose/real")

@@ -185,7 +185,7 @@ def test_silence_is_judged_by_what_is_received() -> None:
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 @pytest.mark.parametrize("where", ["position", "attitude", "velocity"])
-def test_a_pose_that_is_not_finite_is_invalid_and_judged_by_nobody(bad: float, where: str) -> None:
+def test_a_pose_that_is_not_finite_is_invalid_and_not_judged(bad: float, where: str) -> None:
     judge = Judge(build_oracles([use("geofence")], contexts("real")))
     judge.stage(StageSample(0.0, "takeoff"))
     sample = PoseSample(
@@ -203,7 +203,7 @@ def test_a_pose_that_is_not_finite_is_invalid_and_judged_by_nobody(bad: float, w
     assert judge.results(2.0)[0].detail == "no pose seen"
 
 
-def test_samples_of_a_vehicle_nobody_judges_are_let_go() -> None:
+def test_samples_of_an_unjudged_vehicle_are_dropped() -> None:
     judge = Judge(build_oracles([use("geofence")], contexts("sim")))
     assert judge.pose(pose(1.0, "real", (99, 0, 0))) == ()
     assert judge.received(LinkSample(1.0, "nobody")) == ()

@@ -310,7 +310,7 @@ def test_an_id_that_was_used_again_is_no_orphan(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"supervisor": 3}', "\udcff"])
-def test_a_spoilt_record_names_nobody(tmp_path: Path, text: str) -> None:
+def test_a_spoilt_record_names_no_process(tmp_path: Path, text: str) -> None:
     (tmp_path / RECORD).write_bytes(text.encode(errors="surrogateescape"))
     assert find_orphans(tmp_path) == ()
 
