@@ -109,9 +109,10 @@ class Pilot:
 """
 READ = """\
 import sys
+from pathlib import Path
 from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading, Recording
 
-found = [one.reading for one in Recording(sys.argv[1]) if isinstance(one, RecordedReading)]
+found = [one.reading for one in Recording(Path(sys.argv[1])) if isinstance(one, RecordedReading)]
 print(*sorted({(type(one).__name__, one.source, round(one.y_ut)) for one in found}))
 """
 
@@ -180,7 +181,7 @@ def test_a_sensor_of_a_plugin_is_listed_and_in_the_schemas(folder: Path) -> None
         ("{mag: {type: magnetometer}}", "{mag: {type: imu}}", "vehicle 'real' has no magnetometer"),
     ],
 )
-def test_what_is_wrong_with_a_sensor_of_a_plugin_is_said_at_its_place(
+def test_a_fault_in_a_sensor_of_a_plugin_is_reported_at_its_place(
     folder: Path, good: str, bad: str, said: str
 ) -> None:
     (folder / "colour.yaml").write_text(

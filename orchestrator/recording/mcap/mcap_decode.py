@@ -216,10 +216,9 @@ def _microphone(document: Json, _: Parts) -> MicrophoneReading:
 def _numbers(document: Json, _: Parts) -> Reading:
     wil = document["wil"]
     kind: Any = reading_types()[wil["type"]]
-    numbers = number_fields(kind).items()
-    reading: Reading = kind(
-        *_times(wil), **{name: of(number(document[name])) for name, of in numbers}
-    )
+    stamps = dict(zip(("t_s", "arrived_s", "seq", "source"), _times(wil), strict=True))
+    numbers = {name: of(number(document[name])) for name, of in number_fields(kind).items()}
+    reading: Reading = kind(**stamps, **numbers)
     return reading
 
 
