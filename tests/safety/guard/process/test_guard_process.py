@@ -161,7 +161,9 @@ async def test_fences_are_changed_in_flight_all_or_none(folder: Path) -> None:
         assert breach.vehicle == "twin"
 
 
-async def test_killed_orchestrator(folder: Path, runtime: Path) -> None:
+async def test_the_guard_lands_both_after_a_kill_of_the_orchestrator(
+    folder: Path, runtime: Path
+) -> None:
     program, pids = await start_orchestrator(folder)
     loop = asyncio.get_running_loop()
     killed_s = loop.time()
@@ -182,7 +184,7 @@ async def test_killed_orchestrator(folder: Path, runtime: Path) -> None:
     assert records(runtime) == ()
 
 
-async def test_stopped_orchestrator(folder: Path) -> None:
+async def test_the_guard_lands_both_after_a_stop_of_the_orchestrator(folder: Path) -> None:
     program, pids = await start_orchestrator(folder, patience_s=1.0)
     loop = asyncio.get_running_loop()
     stopped_s = loop.time()
@@ -378,7 +380,7 @@ async def test_an_exception_in_the_guard_brings_down_before_anything_is_read_or_
     theirs.close()
 
 
-def test_who_logs_does_not_wait_for_stderr_and_its_thread_has_the_guards_priority(
+def test_logging_does_not_wait_for_stderr_and_its_thread_has_the_guards_priority(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A full pipe is the disk that stands still, until it is read."""
