@@ -314,10 +314,16 @@ def count(problems, warnings):
 """
 
 
-def test_a_plugin_tells_how_commands_ended_and_one_that_fails_changes_nothing(
-    install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_plugin_tells_how_commands_ended_and_may_fail(
+    install: Install,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     install(ANNOUNCER)
+    # Its options are those of the plugins that were there when it was imported.
+    commands = "wil_campaign.orchestrator.cli.commands"
+    monkeypatch.delitem(sys.modules, f"{commands}.validate", raising=False)
     file = write_hover(tmp_path)
     assert main(["run", str(file), "--out", str(tmp_path / "out")]) == 0
     shown = capsys.readouterr()
