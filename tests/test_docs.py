@@ -121,7 +121,7 @@ def test_every_example_of_a_step_is_understood(
         assert load_recipe(document).combinations
 
 
-def test_the_step_of_ones_own_on_the_page_works(tmp_path: Path) -> None:
+def test_the_own_step_on_the_page_works(tmp_path: Path) -> None:
     (tmp_path / "my_steps.py").write_text(blocks("python")[0])
     text = (
         "schema: wil/recipe/1\nsensors: {s: {type: camera}}\ncombine:\n"
@@ -249,7 +249,7 @@ OURS = re.compile(
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
-def test_examples_for_users_import_what_stays(path: Path) -> None:
+def test_examples_for_users_import_public_modules_alone(path: Path) -> None:
     for line in path.read_text("utf-8").splitlines():
         found = OURS.match(line)
         assert found is None or PUBLIC.fullmatch(found[1]), line

@@ -259,6 +259,17 @@ class RecipeStep:
 
 
 @dataclass(frozen=True, slots=True)
+class SensorKind:
+    """A type of sensors, which campaigns and recipes name.
+
+    name: in campaigns and recipes. spec: a `SensorSpec`.
+    """
+
+    name: str
+    spec: str
+
+
+@dataclass(frozen=True, slots=True)
 class ReportSection:
     """A section of the report of a campaign, in front of its runs.
 
@@ -353,6 +364,11 @@ def recipe_formats() -> Sequence[RecipeFormat]:  # type: ignore[empty-body]
 @_hook
 def recipe_steps() -> Sequence[RecipeStep]:  # type: ignore[empty-body]
     """Return steps of recipes."""
+
+
+@_hook
+def sensor_types() -> Sequence[SensorKind]:  # type: ignore[empty-body]
+    """Return types of sensors."""
 
 
 @_hook

@@ -84,7 +84,7 @@ def test_times_count_from_the_stage_that_opens_the_window() -> None:
 
 
 @pytest.mark.parametrize(("text", "verdict"), [("up_m >= 1", "PASS"), ("up_m > 1", "FAIL")])
-def test_exactly_at_the_limit(text: str, verdict: str) -> None:
+def test_a_strict_comparison_fails_exactly_at_the_limit(text: str, verdict: str) -> None:
     judge = stl(f"always ({text})")
     stage(judge, goal=3.0)
     heights(judge, 1.0)
@@ -149,7 +149,7 @@ def values(name: str, *samples: object) -> list[float]:
     return [value for value in found if not math.isnan(value)]
 
 
-def test_values_of_signals() -> None:
+def test_signals_have_the_values_of_the_pose() -> None:
     leaning = PoseSample(1.0, "real", Pose((1, 2, -3), (0.5**0.5, 0.5**0.5, 0, 0)), (3, 4, -12))
     expected = {
         "north_m": 1, "east_m": 2, "up_m": 3, "speed_m_s": 13, "ground_speed_m_s": 5,
@@ -163,7 +163,7 @@ def test_values_of_signals() -> None:
     assert 1.5 < gate_m < 3.0
 
 
-def test_values_of_what_the_vehicle_says() -> None:
+def test_signals_have_the_values_that_the_vehicle_reports() -> None:
     unknown = StateSample(1.0, "real", True, Mode.GUIDED)
     known = StateSample(2.0, "real", False, Mode.HOLD, "", True, "x", 0.25, 11.5, "no height")
     other = StateSample(3.0, "twin", True, Mode.GUIDED, "", False, None, 1.0, 12.0)
@@ -239,7 +239,7 @@ def test_a_charge_that_is_unknown_after_it_was_known_cannot_be_judged() -> None:
     assert result.detail == "battery_percent has no value at 3.000 s"
 
 
-def test_what_comes_late_hides_nothing_of_what_came_before() -> None:
+def test_a_signal_that_begins_late_hides_no_earlier_violation() -> None:
     """Ten seconds at 9 m were dropped, because the battery was first received after them."""
     judge = stl("always (up_m <= 2 and battery_v > 10)")
     stage(judge, goal=0.0)
@@ -278,7 +278,7 @@ def test_a_first_value_counts_from_the_opening_on_if_it_is_not_late(
         ("(up_m > 0) until[60,90] (up_m <= 2)", "up_m <= 2 is needed from 63.000 s"),
     ],
 )
-def test_what_a_formula_needs_only_after_its_window_cannot_be_judged(
+def test_a_formula_that_needs_samples_after_its_window_cannot_be_judged(
     text: str, detail: str
 ) -> None:
     judge = stl(text)
@@ -300,7 +300,7 @@ def test_a_window_that_never_opens_cannot_be_judged() -> None:
 
 
 @pytest.mark.parametrize("formula", ["{} >= 0", "not ({} >= 0)", "{} < 0"])
-def test_what_is_divided_by_nothing_cannot_be_judged(formula: str) -> None:
+def test_a_division_by_zero_cannot_be_judged(formula: str) -> None:
     judge = stl(f"always ({formula.format('(up_m - up_m) / (up_m - up_m)')})")
     stage(judge, goal=3.0)
     heights(judge, 1.0)
@@ -420,7 +420,7 @@ def test_a_failure_has_the_time_at_which_it_became_one(text: str, at_s: float | 
     assert (result.verdict, result.at_s) == ("FAIL", at_s)
 
 
-def test_a_signal_that_ends_comes_before_what_only_the_end_can_fail() -> None:
+def test_a_signal_that_ends_comes_before_a_failure_known_only_at_the_end() -> None:
     """Else positions that stop would be blamed on what they did not show."""
     result = fly(stl("eventually (up_m >= 5)"), (2.0, 0.0), (3.0, 0.0))
     silent = DecisiveEvent(8.0, "INVALID", "no sample since 4 s", "evidence/pose/real")

@@ -185,7 +185,7 @@ def test_silence_is_judged_by_what_is_received() -> None:
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 @pytest.mark.parametrize("where", ["position", "attitude", "velocity"])
-def test_a_pose_that_is_not_finite_is_invalid_and_judged_by_nobody(bad: float, where: str) -> None:
+def test_a_pose_that_is_not_finite_is_invalid_and_not_judged(bad: float, where: str) -> None:
     judge = Judge(build_oracles([use("geofence")], contexts("real")))
     judge.stage(StageSample(0.0, "takeoff"))
     sample = PoseSample(
@@ -203,7 +203,7 @@ def test_a_pose_that_is_not_finite_is_invalid_and_judged_by_nobody(bad: float, w
     assert judge.results(2.0)[0].detail == "no pose seen"
 
 
-def test_samples_of_a_vehicle_nobody_judges_are_let_go() -> None:
+def test_samples_of_an_unjudged_vehicle_are_dropped() -> None:
     judge = Judge(build_oracles([use("geofence")], contexts("sim")))
     assert judge.pose(pose(1.0, "real", (99, 0, 0))) == ()
     assert judge.received(LinkSample(1.0, "nobody")) == ()
@@ -251,7 +251,9 @@ def test_that_the_subject_touches_nothing_is_judged_always(mode: RunMode) -> Non
         {"to": "land"},
     ],
 )
-def test_no_use_of_collision_switches_off_what_is_judged_always(weaker: dict[str, Any]) -> None:
+def test_no_use_of_collision_switches_off_the_collision_that_is_always_judged(
+    weaker: dict[str, Any],
+) -> None:
     flying = contexts("wil")
     seen = {name: replace(context, probe=Nothing()) for name, context in flying.items()}
     parameters = oracle_kinds()["collision"].parameters.model_construct(**weaker)
@@ -267,7 +269,7 @@ def test_no_use_of_collision_switches_off_what_is_judged_always(weaker: dict[str
     assert "collision_always" not in names(collision_always=False)
 
 
-def test_contacts_that_are_left_out_of_what_is_always_judged_are_named() -> None:
+def test_contacts_excluded_from_the_collision_that_is_always_judged_are_named() -> None:
     uses = (use("collision", ground=("table", "pad")), use("clearance", min_m=0.1, ground=("pad",)))
     assert unjudged(uses, collision_always=True) == (
         "contact with table at takeoff and landing",
