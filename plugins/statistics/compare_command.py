@@ -1,9 +1,7 @@
 """`wil-campaign compare`: whether a case became worse since earlier flights."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -13,19 +11,9 @@ from cyclopts.validators import Number
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import table
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
-from wil_campaign.plugins.statistics.comparison.baseline import (
-    FlownSet,
-    read_baseline,
-    read_flown,
-)
-from wil_campaign.plugins.statistics.comparison.comparison import Comparison, Limits, cells_of
-from wil_campaign.plugins.statistics.comparison.comparison import compare as compare_flights
 from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
-from wil_campaign.plugins.statistics.comparison.settings import (
-    SettingsChanges,
-    firmware_changes_since,
-    settings_changes,
-)
+from wil_campaign.plugins.statistics.comparison.folder_comparison import FolderComparison
+from wil_campaign.plugins.statistics.comparison.folder_comparison import compare as compare_folders
 from wil_campaign.worlds.files.problems import printable
 
 _Share = Annotated[float, Parameter(validator=Number(gt=0.0, lt=1.0))]
@@ -78,51 +66,33 @@ def compare(
         Print one JSON document.
     """
     try:
-        judged = read_flown(after)
-        baseline = read_baseline(before, last=last, before=after)
-        limits = Limits(worse_by, margin_by, confidence)
-        found = compare_flights(cells_of(baseline.runs), cells_of(judged.runs), limits)
-        gone = tuple(one for one in baseline.controls if one not in judged.controls)
-        settings = _settings(baseline, judged)
+        compared = compare_folders(
+            before,
+            after,
+            worse_by=worse_by,
+            margin_by=margin_by,
+            confidence=confidence,
+            last=last,
+        )
     except (ResultsFolderError, ComparisonError) as error:
         err(printable(str(error)))
         return 2
-    problems = [*baseline.problems, *judged.problems]
-    is_less = found.is_less or bool(gone or settings.removed)
-    as_text = _as_json if json_ else partial(_as_text, after=after)
-    out(as_text(found, baseline, gone=gone, settings=settings))
-    if is_less and not removed:
+    out(_as_json(compared) if json_ else _as_text(compared, after=after))
+    if compared.is_less and not removed:
         err(
             "AFTER lacks cases, oracles, controls or settings of BEFORE; give --removed if that is "
             "intended"
         )
-    if settings.changed and not changed:
+    if compared.settings.changed and not changed:
         err("AFTER was flown by other settings than BEFORE; give --changed if that is intended")
-    for text in (*problems, *baseline.endings, *baseline.unmet, *judged.endings, *judged.unmet):
+    for text in compared.problems:
         err(printable(text))
-    if problems or judged.endings or judged.unmet or found.unproven or found.fewer_proven:
-        return 3
-    if (is_less and not removed) or (settings.changed and not changed):
-        return 3
-    return 1 if found.worse else 0
+    return compared.exit_code(removed=removed, changed=changed)
 
 
-def _settings(baseline: FlownSet, judged: FlownSet) -> SettingsChanges:
-    """Return how the settings differ; nothing where a manifest cannot be read, a problem itself."""
-    (now,) = judged.manifests.values() or ({},)
-    firmware = firmware_changes_since(baseline.runs_by_folder, judged.runs)
-    return (settings_changes(baseline.manifests, now) if now else SettingsChanges()) + firmware
-
-
-def _as_text(
-    found: Comparison,
-    baseline: FlownSet,
-    *,
-    gone: Sequence[str],
-    settings: SettingsChanges,
-    after: Path,
-) -> str:
+def _as_text(compared: FolderComparison, *, after: Path) -> str:
     """Return the comparison as a table and sentences."""
+    found, settings = compared.found, compared.settings
     head = ("case", "mode", "what", "before", "after", "flights", "p", "")
     rows = [
         (
@@ -137,14 +107,14 @@ def _as_text(
         )
         for one in found.changes
     ]
-    names = ", ".join(path.name for path in baseline.folders)
+    names = ", ".join(path.name for path in compared.baseline.folders)
     lines = [f"{after.name} against {names}", "", table(head, rows), ""]
     lines += [f"same seed, other verdict: {text}" for text in found.flips]
     lines += [f"proves nothing in one of them: {cell}" for cell in found.unproven]
     lines += [f"more flights that prove nothing: {text}" for text in found.fewer_proven]
     lines += [f"not flown any more: {cell}" for cell in found.only_before]
     lines += [f"not judged any more: {text}" for text in found.removed_oracles]
-    lines += [f"control not flown any more: {text}" for text in gone]
+    lines += [f"control not flown any more: {text}" for text in compared.removed_controls]
     lines += [f"not set any more: {text}" for text in settings.removed]
     lines += [f"other settings: {text}" for text in settings.changed]
     lines += [f"also changed: {text}" for text in settings.named]
@@ -162,15 +132,13 @@ def _figure_text(value: float, unit: str, *, is_beyond: bool) -> str:
     return f"{'> ' if is_beyond else ''}{value:.3g} {unit}".rstrip()
 
 
-def _as_json(
-    found: Comparison, baseline: FlownSet, *, gone: Sequence[str], settings: SettingsChanges
-) -> str:
+def _as_json(compared: FolderComparison) -> str:
     """Return the comparison as JSON."""
     document = {
         "schema": "wil/comparison/1",
-        "baseline": [str(one) for one in baseline.folders],
-        **asdict(found),
-        "removed_controls": list(gone),
-        "settings": asdict(settings),
+        "baseline": [str(one) for one in compared.baseline.folders],
+        **asdict(compared.found),
+        "removed_controls": list(compared.removed_controls),
+        "settings": asdict(compared.settings),
     }
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
