@@ -80,13 +80,11 @@ def clear(campaign: Campaign, options: FlightOptions) -> Cleared:
 
 def _settings_of(campaign: Campaign, found: Iterable[AttachedVehicle]) -> tuple[str, ...]:
     """Return the settings by which simulations are judged by the ground truth that they offer."""
-    settings = {}
-    for one in found:
-        if one.name in with_open_poses(campaign):
-            err(one.judged_text)
-            if one.truth:
-                settings[f"vehicles.{one.name}.pose_source=simulator"] = None
-    return tuple(settings)
+    asked = [one for one in found if one.name in with_open_poses(campaign)]
+    for one in asked:
+        err(one.judged_text)
+    settings = (f"vehicles.{one.name}.pose_source=simulator" for one in asked if one.truth)
+    return tuple(dict.fromkeys(settings))
 
 
 def _require_no_embedded(campaign: Campaign) -> None:

@@ -100,10 +100,17 @@ def _padded(work: Masked[P], left_px: int, top_px: int, width_px: int, height_px
     whole = np.full((old.height_px, old.width_px), 255, np.uint8)
     mask = padded(whole if work.mask is None else work.mask, 0)
     ids = None if reading.object_ids is None else padded(reading.object_ids, 0)
-    depth_m = None if reading.depth_m is None else padded(reading.depth_m, np.inf)
-    made = replace(reading, intrinsics=intrinsics, object_ids=ids, depth_m=depth_m)
-    if isinstance(made, CameraReading):
-        made = replace(made, image_bgr=padded(made.image_bgr, 0))
+    if isinstance(reading, DepthReading):
+        depth_m = padded(reading.depth_m, np.inf)
+        deep = replace(reading, depth_m=depth_m, intrinsics=intrinsics, object_ids=ids)
+        return Masked(deep, mask)
+    made = replace(
+        reading,
+        image_bgr=padded(reading.image_bgr, 0),
+        depth_m=None if reading.depth_m is None else padded(reading.depth_m, np.inf),
+        object_ids=ids,
+        intrinsics=intrinsics,
+    )
     return Masked(made, mask)
 
 

@@ -65,7 +65,7 @@ def tiny_detector(
     extra = len(REDDER) if masks else 0
     shape = {"v5": (1, 4, 7 + extra), "v8": (1, 6 + extra, 4), "end2end": (1, 4, 6 + extra)}[layout]
     half = INPUT_PX // 2
-    nodes = (
+    nodes: tuple[bytes, ...] = (
         node(
             "AveragePool",
             ["images"],

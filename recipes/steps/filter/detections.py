@@ -112,5 +112,5 @@ def _grown(mask: Mask, grow_px: int) -> Mask:
         return mask
     size = 2 * abs(grow_px) + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-    moved = cv2.dilate(mask, disc) if grow_px > 0 else cv2.erode(mask, disc)
-    return moved.astype(np.uint8)
+    moved: Mask = cv2.dilate(mask, disc) if grow_px > 0 else cv2.erode(mask, disc)
+    return moved

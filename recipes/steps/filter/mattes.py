@@ -100,4 +100,5 @@ def _mean_where(planes: Plane, weight: Plane, radius_px: int) -> tuple[Plane, ND
 
 def _disc(radius_px: int) -> Mask:
     size = 2 * radius_px + 1
-    return cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)).astype(np.uint8)
+    disc: Mask = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return disc

@@ -5,6 +5,7 @@ import re
 import threading
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -58,13 +59,14 @@ def test_the_examples_of_the_page_run(
     assert "good PASS" in said
     assert "PASS FAIL" in said  # judged by another limit
     assert "0 ['not worse'" in said  # compared with equal flights
-    assert "confirmed altitude/twin {'height': 1.4}" in said
+    assert "confirmed altitude/twin {'height': " in said
+    assert "A failure that a search found: altitude/twin" in said
     frames, away = names["frames"], names["away"]
     assert isinstance(frames, dict)
     assert isinstance(away, dict)
     assert frames["image_bgr"].shape == (len(frames["t_s"]), 120, 160, 3)
-    assert frames["camera_pose_q_wxyz"].shape == (len(frames["t_s"]), 4)
-    assert away["t_s"][0] != frames["t_s"][0]
+    assert away["camera_pose_q_wxyz"].shape == (len(away["t_s"]), 4)
+    assert "camera_pose_q_wxyz" not in frames  # a mixture has no pose of its own
     assert "case,mode,rep,seed,verdict" in said
     assert len(list(tmp_path.glob("*/hover/*/report.html"))) == 2
     assert "mock_vehicle" in example_of_a_fixture  # run by test_mock_vehicle.py
@@ -140,15 +142,15 @@ def test_an_unknown_run_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("options", [{"clock": "fast"}, {"jobs": "many"}])
 def test_an_option_that_cannot_be_is_refused_before_a_process_starts(
-    options: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    options: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(flying, "FlightProcess", lambda _: pytest.fail("started"))
     name, value = next(iter(options.items()))
     with pytest.raises(ValueError, match=f"{name}='{value}': should be"):
         wil_campaign.run(write_cases(tmp_path), **options)
     with pytest.raises(ValueError, match=f"{name}='{value}': should be"):
-        wil_campaign.search(write_search(tmp_path), **options)  # type: ignore[arg-type]
-    whole = wil_campaign.FlightOptions(**options)  # type: ignore[arg-type]
+        wil_campaign.search(write_search(tmp_path), **options)
+    whole = wil_campaign.FlightOptions(**options)
     with pytest.raises(ValueError, match=f"{name}='{value}': should be"):
         wil_campaign.run(write_cases(tmp_path), whole)
 

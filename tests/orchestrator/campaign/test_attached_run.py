@@ -158,7 +158,7 @@ async def test_an_attached_simulation_that_offers_its_ground_truth_is_judged_by_
         vehicles__real__pose_source="null",
         preflight__failsafe="set",
     )
-    arguments = ("--case", "large", "--mode", "real", "--json", "--no-arm", *sets)
+    arguments = ("--case", "large", "--mode", "wil", "--json", "--no-arm", *sets)
     async with (
         outside(f"tcpin://127.0.0.1:{port}", firmware),
         Program(tmp_path / "out", *arguments) as one,

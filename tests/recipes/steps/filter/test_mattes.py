@@ -61,7 +61,7 @@ def test_edges_and_thin_bars_survive_without_their_old_background() -> None:
 
 def test_the_inside_and_what_is_far_from_the_part_stay_as_they_are() -> None:
     work: Any = Masked(camera(antialiased(GREY)))
-    kept = build(*BY_COLOR[:1], **BY_COLOR[1])(work, None)
+    kept = build("isolate_color", name="orange")(work, None)
     soft = build("matte", width_px=1)(kept, None)
     assert (soft.mask[15:30, 33:43] == 255).all()
     assert (soft.mask[:, :7] == 0).all()
