@@ -36,7 +36,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "paper_xml": {"recipe_formats": (".xml",)},
     "programs": {"autonomy_kinds": ("program",)},
     "pytest": {},  # which pytest finds by its own entry points
-    "ros2": {"autonomy_kinds": ("ros2",)},
+    "ros2": {"autonomy_kinds": ("ros2",), "commands": ("export",)},
     "search": {"campaign_keys": ("search",), "commands": ("search",)},
     "standalone": {"commands": ("vehicle",)},
     "statistics": {"commands": ("gap", "compare", "history"), "report_sections": ("statistics",)},

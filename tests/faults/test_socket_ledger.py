@@ -88,7 +88,7 @@ def test_sockets_that_ended_with_their_process_are_not(runtime: Path) -> None:
         assert ledger.left() == []
 
 
-def test_files_are_left_unless_a_next_start_removes_those_of_who_was_killed(runtime: Path) -> None:
+def test_files_of_a_killed_program_are_left_when_no_next_start_removes_them(runtime: Path) -> None:
     killed = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     victim = ProcessId.of(killed.pid)
     killed.kill()

@@ -153,7 +153,7 @@ def test_a_file_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
     assert (tmp_path / "file").read_text() == "kept, and more"
 
 
-def test_what_a_full_disk_refuses_is_raised_by_later_calls_and_by_the_end() -> None:
+def test_an_error_of_a_full_disk_is_raised_by_later_calls_and_by_the_end() -> None:
     file = BackgroundFile(Path("/dev/full"), append=True)
     file.write(b"lost")
     with pytest.raises(OSError, match="No space left on device"):
@@ -320,7 +320,7 @@ def test_an_end_that_the_disk_takes_too_slowly_is_an_error(
     assert (tmp_path / "file").read_bytes() == 500 * BLOCK
 
 
-def test_what_is_written_after_the_end_is_refused(tmp_path: Path) -> None:
+def test_a_write_after_the_end_is_refused(tmp_path: Path) -> None:
     file = BackgroundFile(tmp_path / "file")
     file.write(BLOCK)
     file.close()

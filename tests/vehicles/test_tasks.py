@@ -101,7 +101,7 @@ def test_a_task_that_still_runs_at_the_end_is_a_fault() -> None:
     assert faults_of(main) == [("RuntimeError", "left over")]
 
 
-def test_what_has_to_be_finished_is_not_cut_off_by_cancellations() -> None:
+def test_a_task_that_must_finish_is_not_cut_off_by_cancellations() -> None:
     done: list[float] = []
 
     async def landing() -> None:
@@ -145,7 +145,7 @@ def test_the_first_error_of_a_kind_leaves_its_group_alone() -> None:
         raise other
 
 
-def test_what_is_contained_is_reported_and_ctrl_c_is_not_contained() -> None:
+def test_a_contained_exception_is_reported_and_ctrl_c_is_not_contained() -> None:
     async def main() -> None:
         with Contained("a listener"):
             raise KeyError("x")

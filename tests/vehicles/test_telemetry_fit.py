@@ -41,7 +41,7 @@ def test_a_radio_that_is_too_slow_is_refused() -> None:
     autopilot=st.sampled_from(["px4", "ardupilot"]),
     signed=st.booleans(),
 )
-def test_what_fits_takes_no_more_than_its_share(
+def test_fitted_telemetry_takes_no_more_than_its_share(
     radio_bit_s: float, autopilot: str, signed: bool
 ) -> None:
     strategy = autopilot_named(autopilot)  # type: ignore[arg-type]  # one of the two

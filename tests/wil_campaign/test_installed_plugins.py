@@ -136,7 +136,7 @@ def test_the_table_of_what_ships_is_what_the_plugins_add() -> None:
 
 
 @pytest.mark.parametrize("hook", sorted(HOOKS))
-def test_what_a_shipped_plugin_names_is_there(hook: str) -> None:
+def test_all_that_a_shipped_plugin_names_is_there(hook: str) -> None:
     additions: Mapping[str, Any] = added(getattr(hooks, hook))
     for addition in additions.values():
         for value in dataclasses.asdict(addition).values():
@@ -274,7 +274,7 @@ def test_a_plugin_adds_a_section_to_the_report(install: Install, tmp_path: Path)
     )
 
 
-def test_what_a_section_says_is_printed_after_the_verdicts(
+def test_the_text_of_a_section_is_printed_after_the_verdicts(
     install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     install(SECTIONS)

@@ -372,9 +372,7 @@ def test_a_constructor_that_exits_is_reported(files: Any) -> None:
     assert "'pilot.py:Gone' cannot be built: SystemExit: 0" in fault
 
 
-def test_what_code_of_the_user_prints_stays_off_stdout(
-    files: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_prints_of_user_code_go_to_stderr(files: Any, capsys: pytest.CaptureFixture[str]) -> None:
     files.append(
         "\nprint('hello')\n\nclass Loud(Pilot):\n    def __init__(self, **_):\n"
         "        print('here I am')\n",

@@ -84,7 +84,7 @@ def test_a_parameter_without_effect_is_named(files: Any, params: str, names: lis
         ),
     ],
 )
-def test_what_is_probably_not_meant_is_warned_of(files: Any, old: str, new: str, said: str) -> None:
+def test_a_probable_mistake_is_warned_of(files: Any, old: str, new: str, said: str) -> None:
     if "late" in new or "150" in new:
         files.change("seed: 7\n", "seed: 7\nsync: {goal_timeout_s: 60}\n")
     files.change(old, new)

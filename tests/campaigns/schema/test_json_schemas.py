@@ -51,7 +51,7 @@ def test_the_command_writes_them_where_shipped_files_name_them(
     assert "/schemas/" in (ROOT / ".gitignore").read_text("utf-8").split()
 
 
-def test_they_are_schemas(schemas: dict[str, Any]) -> None:
+def test_the_schemas_are_json_schemas(schemas: dict[str, Any]) -> None:
     for schema in schemas.values():
         assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
         Draft202012Validator.check_schema(schema)
@@ -101,7 +101,7 @@ def test_a_mistake_in_a_shipped_file_is_one_for_the_schema(
         "{distance: {use: landed}}",
     ],
 )
-def test_oracles_of_ones_own_name_are_valid(schemas: dict[str, Any], oracles: str) -> None:
+def test_oracles_with_an_own_name_are_valid(schemas: dict[str, Any], oracles: str) -> None:
     text = (ROOT / "campaigns" / "gate.yaml").read_text("utf-8")
     head, _, rest = text.partition("\noracles:\n")
     tail = rest[rest.index("\naccept:") :] if "\naccept:" in rest else ""

@@ -95,9 +95,7 @@ def test_a_distortion_comes_with_its_intrinsics(files: Files) -> None:
         ("{type: depth, rate_hz: 5, width_px: 64, height_px: 48}", "needs fov_deg or fx_px"),
     ],
 )
-def test_what_is_wrong_with_a_sensor_is_reported_at_its_place(
-    files: Files, sensor: str, said: str
-) -> None:
+def test_a_wrong_sensor_is_reported_at_its_place(files: Files, sensor: str, said: str) -> None:
     path = files.folder / "campaign.yaml"
     path.write_text(path.read_text().replace(CAMERA, f"{CAMERA}      odd: {sensor}\n", 1))
     faults = files.faults()

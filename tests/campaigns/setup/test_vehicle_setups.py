@@ -125,7 +125,9 @@ TWIN = """  twin:
         ),
     ],
 )
-def test_paces_that_do_not_go_together(files: Any, twin: str, said: str, remedy: str) -> None:
+def test_paces_that_contradict_each_other_are_reported(
+    files: Any, twin: str, said: str, remedy: str
+) -> None:
     program(files.folder, "arducopter")
     outside(files, FAST, autopilot="ardupilot")
     files.change(TWIN, TWIN.replace("link: embedded", twin))
@@ -159,7 +161,7 @@ def test_the_pace_of_a_launched_simulation_is_its_link_s(files: Any) -> None:
         ("12", "px4", "must be text"),
     ],
 )
-def test_links_that_are_none(files: Any, link: str, autopilot: str, said: str) -> None:
+def test_a_wrong_link_is_reported(files: Any, link: str, autopilot: str, said: str) -> None:
     outside(files, link, autopilot=autopilot)
     found = files.faults()
     assert len(found) == 1, found
@@ -179,7 +181,9 @@ def test_links_that_are_none(files: Any, link: str, autopilot: str, said: str) -
         ("system_id: 2", "both vehicles have system id 2"),
     ],
 )
-def test_what_an_attached_vehicle_cannot_have(files: Any, line: str, said: str) -> None:
+def test_a_key_that_an_attached_vehicle_cannot_have_is_refused(
+    files: Any, line: str, said: str
+) -> None:
     outside(files, "udpin://0.0.0.0:14540", line)
     found = files.faults()
     assert len(found) == 1, found
@@ -247,7 +251,7 @@ def test_a_body_of_its_own_is_judged_and_has_to_stand_free(files: Any) -> None:
     assert any("'real' starts inside" in fault for fault in files.faults())
 
 
-def test_one_link_for_two(files: Any) -> None:
+def test_one_link_for_two_vehicles_is_reported(files: Any) -> None:
     outside(files, "udpin://0.0.0.0:14540")
     files.change("    link: embedded\n", "    link: udpin://0.0.0.0:14540\n")
     (fault,) = files.faults()
@@ -277,7 +281,7 @@ def test_more_links_to_one_vehicle(files: Any) -> None:
         ("[udp:14550]", "cannot be read"),
     ],
 )
-def test_more_links_that_are_none(files: Any, spares: str, said: str) -> None:
+def test_a_wrong_spare_link_is_reported(files: Any, spares: str, said: str) -> None:
     outside(files, "udpin://0.0.0.0:14540")
     text = files.path.read_text()
     at = text.index("    link: udpin://0.0.0.0:14540\n")
@@ -301,7 +305,7 @@ def test_the_onboard_fence(files: Any) -> None:
     assert (preflight.fence, preflight.min_battery) == (None, 0.5)
 
 
-def test_a_key_of_preflight_that_is_none(files: Any) -> None:
+def test_an_unknown_key_of_preflight_is_reported(files: Any) -> None:
     files.append("preflight: {fence: {margin: 2}}\n")
     (fault,) = files.faults()
     assert "unknown key 'margin'" in fault

@@ -28,7 +28,7 @@ def test_a_version_fits(wanted: str, version: str, is_met: bool) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "latest", "v1.16", "1.2.3.4", "83c4f", "4.6.*"])
-def test_what_is_no_version_is_refused(text: str) -> None:
+def test_a_text_that_is_no_version_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="must be a version like"):
         check_version(text)
 

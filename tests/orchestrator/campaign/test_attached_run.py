@@ -193,7 +193,7 @@ async def test_a_simulator_that_dies_at_its_start_is_an_error_with_its_words(
     assert "PANIC: no such frame" in run["reason"]
 
 
-async def test_of_two_campaigns_at_one_vehicle_s_port_one_flies_and_the_other_says_why(
+async def test_one_of_two_campaigns_at_one_vehicles_port_flies_and_the_other_says_why(
     tmp_path: Path,
 ) -> None:
     port = free_port()

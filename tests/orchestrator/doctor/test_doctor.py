@@ -159,7 +159,7 @@ def test_serial_ports_with_and_without_permission(
     assert refused.remedy == "sudo usermod -aG dialout $USER, and log in again"
 
 
-def test_what_a_crash_left_is_named(tmp_path: Path) -> None:
+def test_processes_and_backups_that_a_crash_left_are_named(tmp_path: Path) -> None:
     assert only(machine.orphans((), (), tmp_path / "nothing")).text == "nothing"
     (tmp_path / "000001.parameters.json").write_text("{}")
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as child:
@@ -231,7 +231,7 @@ def test_the_command_tells_it_as_json_too(
     assert "wil-campaign validate" in capsys.readouterr().out
 
 
-def test_what_a_campaign_names_and_this_machine_lacks_keeps_it_from_flying(
+def test_a_missing_driver_or_broker_keeps_a_campaign_from_flying(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     port, file = free_port(), write_wall(tmp_path)

@@ -47,7 +47,7 @@ def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("ardupilot", "gps", "GPS_RAW_INT"),
     ],
 )
-async def test_what_a_vehicle_is_asked_for_comes_over_its_socket(
+async def test_requested_readings_come_over_the_socket_of_the_vehicle(
     autopilot: str, kind: str, message: str
 ) -> None:
     """No flight: however slow the machine is, what comes is read, stamped and plausible."""

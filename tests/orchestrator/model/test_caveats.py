@@ -136,7 +136,7 @@ def test_a_campaign_that_is_not_accepted_tells_it_beneath_the_table_alone() -> N
     ],
     ids=["the twin beside the real one", "it passed", "the run failed anyway"],
 )
-def test_what_would_be_noise_is_not_reported(silent: RunResult) -> None:
+def test_oracles_without_news_are_not_reported(silent: RunResult) -> None:
     assert not [line for line in caveat_lines(silent) if "reported only" in line]
     assert properties(silent) == {}
 

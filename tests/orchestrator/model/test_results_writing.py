@@ -19,7 +19,7 @@ def test_text_and_bytes_are_written(tmp_path: Path) -> None:
     assert [each.name for each in tmp_path.iterdir()] == ["a.json"]
 
 
-def test_what_was_there_stays_when_writing_fails(
+def test_the_old_file_stays_when_writing_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "a.json"

@@ -68,7 +68,9 @@ def cell(runs: list[RunResult], wanted: Requirement) -> tuple[str, str]:
         ("P", DECIDED, "ERROR (0.9:0.2)", "bold magenta"),
     ],
 )
-def test_the_cell_of_a_row(letters: str, wanted: Requirement, text: str, style: str) -> None:
+def test_the_cell_of_a_row_has_verdict_count_and_colour(
+    letters: str, wanted: Requirement, text: str, style: str
+) -> None:
     assert cell(runs_of(letters), wanted) == (text, style)
 
 

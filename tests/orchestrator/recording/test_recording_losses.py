@@ -38,7 +38,9 @@ from wil_campaign.vehicles.background_file import Patience
         ),
     ],
 )
-def test_what_is_too_much(losses: list[TopicLoss], max_loss: float, said: str) -> None:
+def test_losses_above_the_limit_are_excessive(
+    losses: list[TopicLoss], max_loss: float, said: str
+) -> None:
     found = excessive_loss(losses, max_loss=max_loss)
     assert found.startswith(said)
     assert bool(found) == bool(said)

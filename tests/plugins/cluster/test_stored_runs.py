@@ -45,7 +45,7 @@ def ignore(_: int) -> None:
     pass
 
 
-def test_what_is_sent_arrives_and_the_result_is_the_last_of_it(
+def test_a_sent_run_arrives_whole_and_its_result_is_sent_last(
     store: Store, flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     order: list[str] = []

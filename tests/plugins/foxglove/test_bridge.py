@@ -63,7 +63,7 @@ def test_an_address_that_others_reach_is_refused(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["a b", ":99999", "http://127.0.0.1:1"])
-def test_what_is_no_address_is_refused(text: str) -> None:
+def test_a_text_that_is_no_foxglove_address_is_refused(text: str) -> None:
     with pytest.raises(BridgeError, match="not an address for Foxglove"):
         bridge_address(text)
 

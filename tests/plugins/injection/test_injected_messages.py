@@ -86,7 +86,7 @@ def test_the_mount_turns_and_shifts_the_scan() -> None:
     assert wired(obstacle_distance(scan([2.0], 90.0, 1.0, upside_down))).distances[54] == 200
 
 
-def test_what_is_not_a_number_is_unknown_and_never_free() -> None:
+def test_a_beam_that_is_no_number_is_unknown_and_never_free() -> None:
     message = wired(obstacle_distance(scan([math.nan, math.nan], 0.0, 90.0)))
     assert set(message.distances) == {UNKNOWN_CM}
 
@@ -263,7 +263,7 @@ def test_a_slow_feed_is_sent_as_it_comes_and_not_repeated() -> None:
     assert sent == [0.0, 0.7, 1.9]
 
 
-def test_what_is_stale_is_counted_and_not_sent() -> None:
+def test_a_stale_message_is_counted_and_not_sent() -> None:
     paced = PacedMessages(InjectionPlan(rate_hz=10.0, max_age_s=0.2))
     paced.offer("old", 1.0)
     assert paced.due(1.3) is None

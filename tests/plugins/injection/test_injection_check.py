@@ -51,11 +51,11 @@ def proven(
     return context.driver.parameters
 
 
-def test_what_is_set_up_passes_and_only_what_matters_is_asked() -> None:
+def test_a_vehicle_that_is_set_up_passes_and_is_asked_relevant_parameters_alone() -> None:
     assert proven(READY, OBSTACLES).asked == ["PRX1_TYPE", "PRX_TYPE", "AVOID_ENABLE"]
 
 
-def test_what_would_be_ignored_is_refused_with_all_that_is_to_be_set() -> None:
+def test_an_injection_that_would_be_ignored_is_refused_with_every_remedy() -> None:
     with pytest.raises(UnsupportedInjectionError) as refusal:
         proven({"PRX1_TYPE": 0.0, "AVOID_ENABLE": 1.0}, OBSTACLES)
     said = str(refusal.value)
@@ -125,7 +125,7 @@ def test_each_thing_on_each_autopilot_is_refused_until_the_remedy_is_set(
     proven({name: float(value) for name, value in needed.items()}, injection, setup)
 
 
-def test_what_counts_after_a_boot_alone_does_not_count_when_it_was_just_set() -> None:
+def test_a_parameter_that_was_just_set_and_needs_a_boot_does_not_count() -> None:
     context = FakeStation(driver=FakeDriver(parameters=FakeParameters(dict(READY))))
     just_set = {"real": frozenset({"PRX1_TYPE", "AVOID_ENABLE"})}
     proving = prove_injection(
@@ -148,7 +148,7 @@ def test_what_counts_after_a_boot_alone_does_not_count_when_it_was_just_set() ->
         ("BRAKE", "velocity", "in mode BRAKE: simple avoidance is not used"),
     ],
 )
-def test_how_it_is_flown_is_held_against_what_was_proven(
+def test_mode_and_setpoints_in_flight_are_compared_with_the_proof(
     mode: str, steered_by: Setpoints | None, said: str
 ) -> None:
     context = FakeStation(steered_by=steered_by)

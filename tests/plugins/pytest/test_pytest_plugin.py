@@ -176,7 +176,7 @@ def test_an_exception_of_this_program_is_an_error_that_no_share_forgives(
         ({"stopped": "signal"}, 130, "*exit code 130: stopped by Ctrl-C or SIGTERM*"),
     ],
 )
-def test_what_ended_a_campaign_outside_of_its_runs_is_an_error_of_its_own(
+def test_the_end_of_a_campaign_outside_of_its_runs_is_an_error_of_its_own(
     inner: pytest.Pytester,
     monkeypatch: pytest.MonkeyPatch,
     session: Session,

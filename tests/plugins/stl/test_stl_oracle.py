@@ -127,7 +127,7 @@ def test_times_count_from_the_stage_that_opens_the_window() -> None:
 
 
 @pytest.mark.parametrize(("text", "verdict"), [("up_m >= 1", "PASS"), ("up_m > 1", "FAIL")])
-def test_exactly_at_the_limit(text: str, verdict: str) -> None:
+def test_a_strict_comparison_fails_exactly_at_the_limit(text: str, verdict: str) -> None:
     judge = stl(f"always ({text})")
     stage(judge, goal=3.0)
     heights(judge, 1.0)
@@ -282,7 +282,7 @@ def test_a_charge_that_is_unknown_after_it_was_known_cannot_be_judged() -> None:
     assert result.detail == "battery_percent has no value at 3.000 s"
 
 
-def test_what_comes_late_hides_nothing_of_what_came_before() -> None:
+def test_a_signal_that_begins_late_hides_no_earlier_violation() -> None:
     """Ten seconds at 9 m were dropped, because the battery was first received after them."""
     judge = stl("always (up_m <= 2 and battery_v > 10)")
     stage(judge, goal=0.0)
@@ -321,7 +321,7 @@ def test_a_first_value_counts_from_the_opening_on_if_it_is_not_late(
         ("(up_m > 0) until[60,90] (up_m <= 2)", "up_m <= 2 is needed from 63.000 s"),
     ],
 )
-def test_what_a_formula_needs_only_after_its_window_cannot_be_judged(
+def test_a_formula_that_needs_samples_after_its_window_cannot_be_judged(
     text: str, detail: str
 ) -> None:
     judge = stl(text)
@@ -343,7 +343,7 @@ def test_a_window_that_never_opens_cannot_be_judged() -> None:
 
 
 @pytest.mark.parametrize("formula", ["{} >= 0", "not ({} >= 0)", "{} < 0"])
-def test_what_is_divided_by_nothing_cannot_be_judged(formula: str) -> None:
+def test_a_division_by_zero_cannot_be_judged(formula: str) -> None:
     judge = stl(f"always ({formula.format('(up_m - up_m) / (up_m - up_m)')})")
     stage(judge, goal=3.0)
     heights(judge, 1.0)

@@ -70,7 +70,7 @@ def test_red_wraps_around_the_circle_of_hues() -> None:
     assert mask[0, 1]
 
 
-def test_ranges_of_ones_own_add_to_a_named_colour() -> None:
+def test_own_ranges_add_to_a_named_colour() -> None:
     image = picture((128, 128, 128))
     image[0, 0], image[0, 1] = ORANGE_BGR, (255, 0, 0)
     mine = [{"hue_deg": [235.0, 245.0], "saturation": [0.5, 1.0]}]

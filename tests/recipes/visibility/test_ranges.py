@@ -80,12 +80,12 @@ def test_a_wall_in_other_beams_is_not_shown_in_its_own() -> None:
     assert frame.elsewhere == pytest.approx(18 / BEAMS)
 
 
-def test_what_is_physically_nearer_hides_the_wall() -> None:
+def test_a_nearer_physical_surface_hides_the_wall() -> None:
     truly = real(2.0)
     assert not wall_of(compared(truly.copy(), truly=truly)).in_view
 
 
-def test_what_is_out_of_reach_is_not_in_view() -> None:
+def test_a_wall_out_of_reach_is_not_in_view() -> None:
     assert not wall_of(compared(real(), far_m=3.0)).in_view
 
 

@@ -251,7 +251,9 @@ def test_that_the_subject_touches_nothing_is_judged_always(mode: RunMode) -> Non
         {"to": "land"},
     ],
 )
-def test_no_use_of_collision_switches_off_what_is_judged_always(weaker: dict[str, Any]) -> None:
+def test_no_use_of_collision_switches_off_the_collision_that_is_always_judged(
+    weaker: dict[str, Any],
+) -> None:
     flying = contexts("wil")
     seen = {name: replace(context, probe=Nothing()) for name, context in flying.items()}
     parameters = oracle_kinds()["collision"].parameters.model_construct(**weaker)
@@ -267,7 +269,7 @@ def test_no_use_of_collision_switches_off_what_is_judged_always(weaker: dict[str
     assert "collision_always" not in names(collision_always=False)
 
 
-def test_contacts_that_are_left_out_of_what_is_always_judged_are_named() -> None:
+def test_contacts_excluded_from_the_collision_that_is_always_judged_are_named() -> None:
     uses = (use("collision", ground=("table", "pad")), use("clearance", min_m=0.1, ground=("pad",)))
     assert unjudged(uses, collision_always=True) == (
         "contact with table at takeoff and landing",

@@ -75,7 +75,7 @@ def test_a_tracker_that_repeats_its_last_pose_with_noise_is_found_within_a_secon
     assert 3.0 < found.at_s < 4.0
 
 
-def test_a_jump_and_a_bias_are_found_by_what_the_two_state() -> None:
+def test_a_jump_and_a_bias_are_found_by_the_accuracy_of_both() -> None:
     def jumped(t_s: float) -> Vec3:
         return (straight(t_s)[0] + (1.0 if t_s >= 4.0 else 0.0), 0.0, -1.2)
 
@@ -130,7 +130,7 @@ def test_a_velocity_that_its_own_positions_contradict_excludes_nobody() -> None:
     assert found is not None
 
 
-def test_times_that_are_mapped_inexactly_exclude_nobody_who_brakes_hard() -> None:
+def test_times_that_are_mapped_inexactly_exclude_no_vehicle_that_brakes_hard() -> None:
     def braking(t_s: float) -> Vec3:
         return (0.5 * 10.0 * min(t_s, 0.5) ** 2 + 5.0 * max(0.0, t_s - 0.5), 0.0, -1.2)
 

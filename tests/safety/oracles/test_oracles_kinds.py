@@ -296,7 +296,7 @@ def test_fail_fast_where_the_campaign_says(kind: str, given: dict[str, Any], fas
     assert build(kind, **given).terms.fail_fast is fast
 
 
-def test_what_only_the_end_shows_cannot_fail_fast() -> None:
+def test_an_oracle_known_only_at_the_end_cannot_fail_fast() -> None:
     context = OracleContext(mode="sim", subject="twin", vehicle="twin", target_ned_m=NORTH_1)
     with pytest.raises(OracleError, match="only known at the end") as caught:
         build("reached_position", context=context, tolerance_m=0.1, fail_fast=True)

@@ -97,7 +97,7 @@ def test_processes_that_are_in_time_run_on_one_line_at_the_pace_that_was_asked_f
     assert out.pace == pytest.approx(NOMINAL, rel=0.01)
 
 
-def test_the_clock_waits_for_one_that_is_late_and_makes_no_leap_after_it() -> None:
+def test_the_clock_waits_for_a_late_client_and_makes_no_leap_after_it() -> None:
     out = flown([lambda _: False, lambda wall_s: 1.0 < wall_s < 1.5])
     holds(out)
     stood = [
@@ -182,7 +182,7 @@ def test_a_machine_that_was_asleep_has_stalled_nobody() -> None:
         assert not lockstep.is_silent("real", 3600.0 + step * STEP_S, STALL_S)
 
 
-def test_one_that_has_ended_is_waited_for_no_more() -> None:
+def test_a_client_that_has_ended_is_not_waited_for() -> None:
     lockstep = Lockstep(nominal=NOMINAL)
     for name in ("guard", "real"):
         lockstep.join(name)

@@ -168,7 +168,7 @@ def test_a_loop_that_is_ahead_of_the_first_piece_reports_how_far_it_is() -> None
     assert reports == [stands_s]
 
 
-def test_what_was_due_is_done_and_what_came_is_read_when_it_is_reported() -> None:
+def test_a_loop_reports_after_its_timers_ran_and_its_sockets_were_read() -> None:
     async def flown() -> list[tuple[float, float, int]]:
         loop = asyncio.get_running_loop()
         assert isinstance(loop, PacedLoop)

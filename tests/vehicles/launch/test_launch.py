@@ -154,7 +154,7 @@ async def test_px4_runs_from_a_build(sims: Any) -> None:
         ("time.sleep(600)", 10.0, "not ready after 10 s: it printed nothing"),
     ],
 )  # fmt: skip
-async def test_what_goes_wrong_at_the_start(
+async def test_a_failed_start_is_reported_and_gives_the_instance_back(
     sims: Any, body: str, ready_s: float, words: str
 ) -> None:
     binary: Path = sims.program(body)
@@ -165,7 +165,9 @@ async def test_what_goes_wrong_at_the_start(
     take_instance(ArduPilotLaunch(binary=binary), locks=sims.locks).close()
 
 
-def test_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_program_or_docker_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     binary = tmp_path / "arducopter"
     with pytest.raises(LaunchError, match=r"there is no program .*arducopter"):
         ArduPilotLaunch(binary=binary).check()

@@ -255,7 +255,7 @@ boxes = st.tuples(*[st.floats(0, 50, width=32)] * 2, *[st.floats(1, 50, width=32
 
 
 @given(st.lists(st.tuples(boxes, st.floats(0, 1, width=32), st.integers(0, 2)), max_size=20))
-def test_of_boxes_that_cover_each_other_the_surest_stays(given_boxes: Any) -> None:
+def test_the_surest_of_boxes_that_cover_each_other_stays(given_boxes: Any) -> None:
     n = len(given_boxes)
     array = np.array([b for b, _, _ in given_boxes], np.float32).reshape(n, 4)
     array[:, 2:] += array[:, :2]

@@ -48,7 +48,7 @@ def overlap(a: Box, b: Box) -> float:
         ("avoid", "intruder", "quadrotor", np.arange(4.2, 7.0, 0.11)),
     ],
 )
-def test_what_a_campaign_has_before_the_camera_is_found(
+def test_the_shipped_detector_finds_the_things_of_shipped_campaigns(
     world: str, thing: str, name: str, times: np.ndarray
 ) -> None:
     detector = shipped_detector(threshold=0.5)

@@ -27,7 +27,7 @@ def test_a_reading_with_more_than_numbers_is_refused() -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_a_number_that_is_none_is_a_fault(value: float) -> None:
+def test_a_number_that_is_not_finite_is_a_fault(value: float) -> None:
     good: Any = ThermometerReading(1.0, 1.0, 0, "real", 21.5, 4)
     bad: Any = ThermometerReading(1.0, 1.0, 0, "real", value, 4)
     assert fault_of(good) is None

@@ -145,7 +145,9 @@ BAD: list[tuple[Reading, dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("reading", "changes", "kind"), BAD)
-def test_what_is_wrong_is_named(reading: Reading, changes: dict[str, Any], kind: str) -> None:
+def test_the_fault_of_a_bad_reading_is_named(
+    reading: Reading, changes: dict[str, Any], kind: str
+) -> None:
     fault = fault_of(replace(reading, **changes))
     assert fault is not None
     assert fault.kind == kind

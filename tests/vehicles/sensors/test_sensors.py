@@ -226,7 +226,7 @@ def test_dropouts_and_outliers_come_as_often_as_asked() -> None:
     assert early.mean() == pytest.approx(0.2, abs=0.01)
 
 
-def test_what_one_beam_meets_does_not_shift_the_noise_of_another() -> None:
+def test_a_beam_that_meets_nothing_does_not_shift_the_noise_of_another() -> None:
     full = np.full(50, 5.0, np.float32)
     holed = full.copy()
     holed[3] = np.inf

@@ -63,7 +63,7 @@ def test_the_nearest_of_all_is_found(seed: int, count: int) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(seeds)
-def test_it_is_what_fcl_says(seed: int) -> None:
+def test_the_distance_to_a_surface_is_that_of_fcl(seed: int) -> None:
     rng = np.random.default_rng(seed)
     corners, pose = rng.normal(size=(30, 3)), random_pose(rng)
     faces = np.arange(30, dtype=np.int32).reshape(-1, 3)

@@ -17,7 +17,7 @@ from wil_campaign.orchestrator.campaign.workers.run_output import (
 )
 
 
-def test_what_is_printed_goes_to_the_runs_file(
+def test_the_output_of_a_run_goes_to_its_file(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     with kept_output(tmp_path):

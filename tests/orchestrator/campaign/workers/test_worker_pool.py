@@ -104,7 +104,7 @@ def test_a_run_that_is_faster_than_the_wall_tells_no_more_than_people_can_follow
     assert [news.word for news in seen if isinstance(news, Happening)] == ["landing"]
 
 
-def test_what_a_worker_prints_stays_off_stdout(capfd: pytest.CaptureFixture[str]) -> None:
+def test_prints_of_a_worker_go_to_stderr(capfd: pytest.CaptureFixture[str]) -> None:
     fly_all(["noise"], jobs=1)
     out, err = capfd.readouterr()
     assert out == ""
@@ -293,7 +293,7 @@ async def test_a_process_that_no_kill_ends_is_not_waited_for() -> None:
     assert None not in waited
 
 
-def test_while_paused_no_order_is_begun() -> None:
+def test_no_order_is_begun_while_paused() -> None:
     outcomes: Outcomes = {}
     begun: list[str] = []
 

@@ -18,7 +18,7 @@ VEHICLE_WIDTH_M = 0.3
 Capture = pytest.CaptureFixture[str]
 
 
-def test_what_is_written_is_a_campaign_with_a_control(
+def test_init_writes_a_campaign_with_a_control(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)

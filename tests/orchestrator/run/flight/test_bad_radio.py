@@ -49,7 +49,7 @@ def test_luck_on_the_radio_is_seeded(fly_run: Fly) -> None:
     assert everything(3) == everything(3)
 
 
-def test_px4_returns_by_itself_in_a_outage_and_that_ends_at_the_ceiling(fly_run: Fly) -> None:
+def test_px4_returns_by_itself_in_an_outage_and_that_ends_at_the_ceiling(fly_run: Fly) -> None:
     # COM_OF_LOSS_T is 1 s; without a remote control it returns home, and climbs for that: had the
     # preflight not been overridden, it would be told to land, and to return beneath the ceiling.
     by_default = (

@@ -54,7 +54,9 @@ class WordlessError(Exception):
         (RuntimeError("two\nlines, \x1b[31mred \ud800"), "RuntimeError: two lines, ?[31mred ?"),
     ],
 )
-def test_whatever_is_raised_is_the_fault_of_the_autonomy(error: BaseException, said: str) -> None:
+def test_any_exception_of_a_call_is_a_fault_of_the_autonomy(
+    error: BaseException, said: str
+) -> None:
     with pytest.raises(AutonomyFault) as caught:
         call_autonomy(raising(error))
     text = str(caught.value)

@@ -63,7 +63,7 @@ combine:
     ],
     ids=["by colour", "by name", "named by an oracle", "of both worlds", "said", "none"],
 )
-def test_what_goal_and_oracles_name_has_to_be_shown_and_the_rest_is_left_out(  # noqa: PLR0917 - a table
+def test_only_objects_that_goal_or_oracles_name_must_be_shown(  # noqa: PLR0917 - a table
     tmp_path: Path,
     filter_: str,
     shows: str,

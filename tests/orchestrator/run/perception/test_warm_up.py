@@ -91,7 +91,7 @@ def test_rendering_is_loaded_before_the_flight_for_whatever_is_rendered(
 @pytest.mark.parametrize(
     "at", [(8.0, 0.0, -1.0), (0.0, 8.0, -1.0), (0.0, 0.0, -1.0)], ids=["north", "east", "around"]
 )
-def test_what_measures_a_mesh_is_loaded_before_the_flight_wherever_it_is(
+def test_the_kernels_that_measure_a_mesh_are_loaded_before_the_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: Vec3
 ) -> None:
     called: set[str] = set()

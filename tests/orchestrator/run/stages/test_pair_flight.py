@@ -50,7 +50,9 @@ def test_a_vehicle_is_at_its_height_when_it_has_stayed_there(height_m: Height, a
 @pytest.mark.parametrize(
     ("height_m", "where"), [(lambda _: HEIGHT_M - 0.11, "1.39 m"), (lambda _: None, "unknown")]
 )
-def test_one_that_is_never_there_ends_the_takeoff(height_m: Height, where: str) -> None:
+def test_a_vehicle_that_never_reaches_its_height_ends_the_takeoff(
+    height_m: Height, where: str
+) -> None:
     with pytest.raises(FlightError, match=f"not at 1.5 m within 8 s .*its height is {where}"):
         seen_at_height_s(height_m)
 

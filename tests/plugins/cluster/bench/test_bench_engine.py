@@ -176,7 +176,7 @@ def test_a_bench_is_flown_on_by_one_program_at_a_time(tmp_path: Path) -> None:
         pass
 
 
-def test_what_cannot_be_served_or_reached_is_exit_2(
+def test_a_bench_that_cannot_be_served_or_reached_is_exit_2(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, bench = write_campaign(tmp_path), write_bench(tmp_path)

@@ -171,7 +171,7 @@ def test_a_fix_has_variances_and_says_when_it_is_none() -> None:
     assert read(MAKE.fix(none, STAMP_NS, "gps"), FIX).status.status == -1
 
 
-def test_a_range() -> None:
+def test_a_range_reading_becomes_a_message() -> None:
     found = RangefinderReading(1.0, 1.0, 0, "mixed", np.inf, 0.1, 9.0)
     message = read(MAKE.range(found, STAMP_NS, "down"), RANGE)
     assert (message.range, message.min_range) == (np.inf, pytest.approx(0.1))

@@ -36,7 +36,7 @@ def written(folder: Path, model: str = "tiny.onnx", keep: str = "red") -> Path:
     return path
 
 
-def test_only_what_is_wanted_is_laid_over(tmp_path: Path) -> None:
+def test_only_the_kept_part_is_laid_over(tmp_path: Path) -> None:
     (mixer,) = compile_recipe(load_recipe_file(written(tmp_path)), object_ids={})
     image: Any = np.zeros((48, 64, 3), np.uint8)
     image[:24, :32] = (0, 0, 255)
@@ -77,7 +77,7 @@ def test_of_a_network_with_masks_the_pixels_of_the_object_are_kept_and_not_its_b
         ("tiny.onnx", "gren", "did you mean 'green'?"),
     ],
 )
-def test_what_is_wrong_is_reported_with_its_place(
+def test_a_wrong_detector_is_reported_with_its_place(
     tmp_path: Path, model: str, keep: str, said: str
 ) -> None:
     with pytest.raises(BadInput) as caught:

@@ -176,7 +176,7 @@ def test_a_rotation_is_the_same_in_all_three_forms(truth: Any) -> None:
         {"yaw_deg": 3.0, "q_wxyz": [1.0, 0, 0, 0]},
     ],
 )
-def test_what_is_no_rotation_is_refused(bad: Any) -> None:
+def test_a_value_that_is_no_rotation_is_refused(bad: Any) -> None:
     with pytest.raises(ValueError, match=r"rotation|direction"):
         RotationPart(**bad)
 

@@ -93,7 +93,7 @@ def test_a_ground_station_takes_over_by_a_mode_command(
         (velocity(Target(2)), "SET_POSITION_TARGET_LOCAL_NED"),
     ],
 )
-def test_what_a_ground_station_would_change_does_not_reach_the_vehicle(
+def test_changes_by_a_ground_station_do_not_reach_the_vehicle(
     fake_vehicle: Any, rig: Any, message: Any, name: str
 ) -> None:
     for armed in (True, False):

@@ -156,7 +156,7 @@ def test_nothing_that_moves_the_vehicle_passes(pair: Any, frame: bytes) -> None:
         command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148),
     ],
 )
-def test_what_only_asks_or_keeps_alive_passes(pair: Any, frame: bytes) -> None:
+def test_requests_and_heartbeats_pass_after_an_abort(pair: Any, frame: bytes) -> None:
     abort(pair)
     assert to_orchestrator(pair, "real", frame) == (frame,)
 

@@ -378,7 +378,7 @@ async def test_an_exception_in_the_guard_brings_down_before_anything_is_read_or_
     theirs.close()
 
 
-def test_who_logs_does_not_wait_for_stderr_and_its_thread_has_the_guards_priority(
+def test_logging_does_not_wait_for_stderr_and_its_thread_has_the_guards_priority(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A full pipe is the disk that stands still, until it is read."""

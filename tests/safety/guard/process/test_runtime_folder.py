@@ -95,7 +95,7 @@ def test_a_flight_is_found_where_it_began(usual: Path, other: Path, tmp_path: Pa
         assert runtime_folders() == (other,)
 
 
-def test_what_dead_processes_left_is_swept(usual: Path) -> None:
+def test_files_of_dead_processes_are_removed(usual: Path) -> None:
     folder = open_runtime_folder().path
     assert folder == usual
     alive = folder / f"campaign-{os.getpid()}.sock"

@@ -344,7 +344,7 @@ def test_errors_before_the_vehicle_is_known() -> None:
         lambda: AutopilotFence(ceiling_m=-1.0),
     ],
 )
-def test_fences_that_are_none(make: Callable[[], Any]) -> None:
+def test_an_impossible_fence_is_refused(make: Callable[[], Any]) -> None:
     with pytest.raises(ValueError, match="fence"):
         make()
 

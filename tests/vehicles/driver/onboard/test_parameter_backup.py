@@ -51,7 +51,7 @@ def context(
     return ParameterBackup(access=access, vehicle="px4 1 7", changes=changes, folder=journal)
 
 
-def test_set_in_order_and_back_in_reverse(tmp_path: Path) -> None:
+def test_parameters_are_set_in_order_and_set_back_in_reverse(tmp_path: Path) -> None:
     access = Access(A=1, B=2.5, C=3)
 
     def backups() -> list[str]:
@@ -82,7 +82,7 @@ def test_nothing_stays_changed_when_one_is_refused() -> None:
     assert "could not restore B" in caught.value.__notes__[0]
 
 
-def test_one_that_is_unknown_changes_none() -> None:
+def test_an_unknown_parameter_changes_none() -> None:
     access = Access(A=1)
 
     async def scenario() -> None:
@@ -227,7 +227,7 @@ def killed_run(folder: Path) -> None:
     assert ended.returncode == -signal.SIGKILL
 
 
-def test_what_a_killed_run_left_is_set_back(tmp_path: Path) -> None:
+def test_parameters_that_a_killed_run_left_are_set_back(tmp_path: Path) -> None:
     killed_run(tmp_path)
     # It set them; B has been changed by somebody since, which is none of our business.
     access = Access(A=5, B=3.3)

@@ -42,7 +42,7 @@ def test_an_unsteady_camera_counts_what_came() -> None:
     assert camera.missed == 0
 
 
-def test_what_was_left_out_is_not_missed_as_well() -> None:
+def test_a_skipped_exposure_is_not_counted_as_missed() -> None:
     camera = stamper(rate_hz=10.0)
     seqs(camera, [0.0])
     camera.skip_exposure()
@@ -51,7 +51,7 @@ def test_what_was_left_out_is_not_missed_as_well() -> None:
     assert camera.missed == 0
 
 
-def test_what_is_not_newer_is_kept_back() -> None:
+def test_an_image_that_is_not_newer_is_kept_back() -> None:
     camera = stamper()
     assert camera.reading_at(PICTURE, t_s=1.0, arrived_s=1.0) is not None
     assert camera.reading_at(PICTURE, t_s=1.0, arrived_s=1.1) is None

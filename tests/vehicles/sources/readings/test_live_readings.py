@@ -47,7 +47,7 @@ def source() -> LiveReadings:
         (imu(2.0, down=math.nan), "nan"),
     ],
 )
-def test_what_is_spoiled_is_never_handed_on(bad: ImuReading, said: str) -> None:
+def test_a_spoiled_reading_is_never_delivered(bad: ImuReading, said: str) -> None:
     async def taken() -> tuple[list[int], LiveReadings]:
         live = source()
         live.offer(imu(1.0))
@@ -62,7 +62,7 @@ def test_what_is_spoiled_is_never_handed_on(bad: ImuReading, said: str) -> None:
     assert said in live.complaint
 
 
-def test_what_a_mapped_clock_puts_after_its_arrival_was_sampled_at_the_latest_then() -> None:
+def test_a_sample_time_after_the_arrival_becomes_the_arrival() -> None:
     async def taken() -> list[float]:
         live = source()
         live.offer(imu(1.0, arrived_s=0.97))

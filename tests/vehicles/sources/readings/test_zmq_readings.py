@@ -109,7 +109,7 @@ def test_arrays_may_be_bytes() -> None:
         ("rangefinder", {"t_s": math.inf}, "finite number"),
     ],
 )
-def test_what_breaks_the_protocol_names_its_key(
+def test_a_breach_of_the_protocol_is_named_with_its_key(
     kind: str, changes: dict[str, Any], said: str
 ) -> None:
     with pytest.raises(BadMessageError, match=said):
@@ -163,7 +163,7 @@ async def test_readings_come_on_the_run_clock_and_a_silence_is_a_stall(
         ({"protocol": "x"}, "we speak"),
     ],
 )
-async def test_what_cannot_be_used_is_named_when_it_opens(
+async def test_readings_that_cannot_be_used_are_named_when_the_source_opens(
     publisher: Publisher, changes: dict[str, Any], said: str
 ) -> None:
     sending = asyncio.create_task(publishing(publisher, "rangefinder", **changes))
@@ -179,7 +179,7 @@ async def test_nothing_at_all_names_the_remedy(publisher: Publisher) -> None:
             pass
 
 
-async def test_what_never_came_is_counted_and_what_comes_again_is_not_used(
+async def test_missing_readings_are_counted_and_repeated_ones_are_not_used(
     publisher: Publisher,
 ) -> None:
     live = source(publisher)

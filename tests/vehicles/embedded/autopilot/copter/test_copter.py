@@ -42,7 +42,7 @@ def test_guided_is_refused_before_there_is_a_position(rig: Any, virtually: Scena
     virtually(scenario())
 
 
-def test_one_that_was_on_before_is_ready_at_once(rig: Any, virtually: Scenario) -> None:
+def test_a_copter_that_was_on_before_is_ready_at_once(rig: Any, virtually: Scenario) -> None:
     async def scenario() -> None:
         async with copter(rig, running_s=60.0) as r:
             await asyncio.sleep(0.5)
