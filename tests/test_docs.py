@@ -249,7 +249,7 @@ OURS = re.compile(
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
-def test_examples_for_users_import_what_stays(path: Path) -> None:
+def test_examples_for_users_import_public_modules_alone(path: Path) -> None:
     for line in path.read_text("utf-8").splitlines():
         found = OURS.match(line)
         assert found is None or PUBLIC.fullmatch(found[1]), line

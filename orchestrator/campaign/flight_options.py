@@ -27,7 +27,7 @@ class FlightOptions:
     Parameters
     ----------
     out
-        The folder beneath which the results go: DIR/<campaign>/<UTC start>/.
+        The folder for the results: DIR/<campaign>/<UTC start>/.
     clock
         virtual: as fast as the machine can, with results that are the same to the byte each time.
         wall: in real time, each vehicle in its own process on UDP. scaled: at the requested pace of

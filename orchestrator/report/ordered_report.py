@@ -48,12 +48,12 @@ def report(
     """
     folder = Path(folder)
     without = _make_videos(folder, videos)
-    pictures = _write_pictures(folder, run, card=card, gif=gif)
+    pictures = _write_graphics(folder, run, card=card, gif=gif)
     written = write_report(folder, out=None if out is None else Path(out), workers=workers)
     return Report(written.path, (*without, *written.problems), tuple(pictures))
 
 
-def _write_pictures(folder: Path, run: str, *, card: bool, gif: bool) -> list[Path]:
+def _write_graphics(folder: Path, run: str, *, card: bool, gif: bool) -> list[Path]:
     """Write the pictures to share; return their paths.
 
     Raises ResultsFolderError for an unknown run, or one that has nothing to show; OSError.

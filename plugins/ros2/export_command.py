@@ -43,7 +43,7 @@ def export(
     cut
         Export a recording that is cut off as far as it is whole.
     distribution
-        Whose message definitions count.
+        The distribution of ROS 2 whose message definitions are used.
     """
     recording = run / "run.mcap" if is_folder(run) else run
     if fault := _fault_of(recording, ros2):

@@ -73,7 +73,7 @@ def search(
     options |= {"engine": engine, "store": store}
     request = _request(file, seed, overrides, bench_files, options)
     with FlightProcess(request, _MODULE) as process:
-        return _found(process, on_result or _ignore, on_message or _ignore)
+        return _results_of(process, on_result or _ignore, on_message or _ignore)
 
 
 async def search_async(
@@ -99,7 +99,7 @@ async def search_async(
     options |= {"engine": engine, "store": store}
     request = await asyncio.to_thread(_request, file, seed, overrides, bench_files, options)
     on_result, on_message = in_loop(on_result or _ignore), in_loop(on_message or _ignore)
-    return await await_landing(FlightProcess(request, _MODULE), _found, on_result, on_message)
+    return await await_landing(FlightProcess(request, _MODULE), _results_of, on_result, on_message)
 
 
 def _request(
@@ -116,7 +116,7 @@ def _request(
     return encode_request(FlightRequest(file=Path(file), choice=choice, options=chosen))
 
 
-def _found(
+def _results_of(
     process: FlightProcess, on_result: Callable[..., object], on_message: OnMessage
 ) -> SearchResults:
     """Return the results of a search when it is over."""

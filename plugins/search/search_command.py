@@ -52,7 +52,7 @@ def search(
     file
         The campaign file.
     out_
-        The folder beneath which the results go: DIR/<campaign>/search/<UTC start>/.
+        The folder for the results: DIR/<campaign>/search/<UTC start>/.
     seed
         The seed from which proposals and runs derive.
     set_

@@ -37,7 +37,7 @@ def compare(
     the judged campaign was stopped, failed outside of its runs, or does not record its end; a
     control of it did not end as expected, so that its passes show nothing; a shared case, or a
     larger share of its flights than before, proves nothing; AFTER lacks a case, an oracle or a
-    control of BEFORE and --removed is not given; or it was flown by other limits, worlds, files
+    control of BEFORE and --removed is not given; or it was flown with other limits, worlds, files
     or another firmware and --changed is not given.
 
     Parameters
@@ -59,7 +59,7 @@ def compare(
     removed
         Accept that cases, oracles and controls of BEFORE are missing in AFTER.
     changed
-        Accept that AFTER was flown by other limits, worlds, files, options or another firmware than
+        Accept that AFTER was flown with other limits, worlds, files, options or firmware than
         BEFORE. What differs is named either way; the autonomy, code, versions of this program and
         parameters in the vehicle never count.
     json_
@@ -84,7 +84,7 @@ def compare(
             "intended"
         )
     if compared.settings.changed and not changed:
-        err("AFTER was flown by other settings than BEFORE; give --changed if that is intended")
+        err("AFTER was flown with other settings than BEFORE; give --changed if that is intended")
     for text in compared.problems:
         err(printable(text))
     return compared.exit_code(removed=removed, changed=changed)

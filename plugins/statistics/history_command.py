@@ -30,7 +30,7 @@ def history(
 ) -> int:
     """Show pass rates, margins and durations of campaigns over time.
 
-    Flights by other settings (limits, controls, worlds, files) or another firmware than those
+    Flights with other settings (limits, controls, worlds, files) or another firmware than those
     before are marked. Flaky
     are cases that ended differently under the same seed and inputs; stochastic those that did under
     different seeds. Exit code 2: there is nothing to show, or the file of --keep is damaged; 3: a

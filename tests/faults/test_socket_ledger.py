@@ -69,7 +69,7 @@ def _ends(ledger: SocketLedger) -> Iterator[str]:
     return (one.partition(" of ")[0] for one in ledger.left())
 
 
-def test_sockets_that_somebody_unknown_keeps_are_found(runtime: Path) -> None:
+def test_sockets_that_an_unknown_process_keeps_are_found(runtime: Path) -> None:
     with ExitStack() as stack:
         ledger, pid, port = _flown(runtime, "keeps", stack)
         found = sorted(_ends(ledger))

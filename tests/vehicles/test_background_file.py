@@ -54,7 +54,9 @@ def stalled(tmp_path: Path) -> Stalled:
     return Stalled(tmp_path)
 
 
-def test_a_disk_that_stands_still_holds_up_nobody_and_gets_all_in_order(stalled: Stalled) -> None:
+def test_a_disk_that_stands_still_holds_up_no_writer_and_gets_all_in_order(
+    stalled: Stalled,
+) -> None:
     file = BackgroundFile(stalled.path, append=True)
     lines = [b"%d\n" % number + BLOCK for number in range(1000)]
     for line in lines:
@@ -136,7 +138,7 @@ def test_only_the_thread_looks_at_the_file(tmp_path: Path, monkeypatch: pytest.M
     assert set(threads) == {file._thread.ident}
 
 
-def test_a_thread_begins_with_what_it_was_given(tmp_path: Path) -> None:
+def test_a_thread_calls_its_begin_function_first(tmp_path: Path) -> None:
     threads: list[int] = []
     file = BackgroundFile(tmp_path / "file", begin=lambda: threads.append(threading.get_ident()))
     file.close()

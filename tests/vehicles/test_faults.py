@@ -50,7 +50,7 @@ def test_faults_are_read_as_people_write_them() -> None:
         *("mute@1+", "mute@1+0", "mute@1+3601", "mute@1+2+3", "mute@1..2", "mute@1@2"),
     ],
 )
-def test_unknown_faults_are_refused_with_what_there_is(text: str) -> None:
+def test_unknown_faults_are_refused_with_the_known_ones(text: str) -> None:
     with pytest.raises(FaultError, match=r"is not a fault; there are kill, mute, .* camera stop"):
         parse_fault(text)
 

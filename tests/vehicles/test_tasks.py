@@ -66,7 +66,7 @@ def test_tasks_that_return_or_are_stopped_are_no_faults() -> None:
     assert faults_of(main) == []
 
 
-def test_an_exception_that_nobody_expects_is_a_fault_also_when_its_task_is_stopped_later() -> None:
+def test_an_unexpected_exception_is_a_fault_also_when_its_task_is_stopped_later() -> None:
     async def main() -> None:
         task = start(fail(KeyError("x")), name="fails")
         await asyncio.sleep(2.0)
@@ -76,7 +76,7 @@ def test_an_exception_that_nobody_expects_is_a_fault_also_when_its_task_is_stopp
     assert faults_of(main) == [("KeyError", "fails")]
 
 
-def test_a_cancellation_that_nobody_asked_for_is_a_fault() -> None:
+def test_an_unrequested_cancellation_is_a_fault() -> None:
     async def main() -> None:
         async with together() as tasks:
             tasks.create_task(fail(asyncio.CancelledError()), name="child")
@@ -84,7 +84,7 @@ def test_a_cancellation_that_nobody_asked_for_is_a_fault() -> None:
     assert faults_of(main) == [("CancelledError", "child")]
 
 
-def test_an_expected_error_is_a_fault_only_when_nobody_reads_it() -> None:
+def test_an_expected_error_is_a_fault_only_when_it_is_not_read() -> None:
     async def main() -> None:
         start(fail(ExpectedError()), name="unread")
         read = start(fail(ExpectedError()), name="read")

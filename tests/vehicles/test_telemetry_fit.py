@@ -17,7 +17,7 @@ PX4 = autopilot_named("px4")
 WANTED = TelemetryRates()
 
 
-def test_a_fast_link_gets_what_was_wanted() -> None:
+def test_a_fast_link_gets_the_wanted_rates() -> None:
     assert fitted(PX4, WANTED, radio_bit_s=1e6) == WANTED
 
 

@@ -678,7 +678,7 @@ for folder in Path({out!r}).glob("*/*"):
 """
 
 
-def test_without_any_plugin_gate_flies_and_what_is_absent_is_named(tmp_path: Path) -> None:
+def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path) -> None:
     """The proof of the CI that the core needs no plugin.
 
     Its modules have the paths of this checkout, for which kernels are compiled already.

@@ -68,8 +68,8 @@ def run(
         The campaign file.
     gcs
         A ground station's LINK, or NAME=LINK for one vehicle (udpout://127.0.0.1:14550): the guard
-        passes MAVLink on to it, and back what reads or takes over. It needs the wall clock; may
-        be given several times.
+        forwards MAVLink to it, and from it only messages that read or take over. It needs the
+        wall clock; may be given several times.
     no_arm
         Try each case and mode once, up to arming: links, parameters, fence, readiness.
     json_

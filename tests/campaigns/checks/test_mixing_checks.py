@@ -55,7 +55,7 @@ def test_images_that_do_not_fit_each_other_are_reported(
         ),
     ],
 )
-def test_steps_that_make_them_fit_are_followed(
+def test_the_check_of_sizes_follows_the_steps_that_change_them(
     files: Any, steps: str, twin: dict[str, float]
 ) -> None:
     change_twin(files, **twin)

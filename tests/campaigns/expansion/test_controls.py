@@ -35,7 +35,7 @@ def test_a_control_is_flown_once_in_each_of_its_modes_after_the_runs(files: Any)
     assert not any(plan.required for plan in campaign.controls)
 
 
-def test_a_control_differs_from_its_case_in_nothing_but_what_it_sets(files: Any) -> None:
+def test_a_control_differs_from_its_case_by_its_settings_alone(files: Any) -> None:
     with_controls(files)
     campaign = files.load()
     seeds = {plan.name: plan.seed for plan in campaign.plans}

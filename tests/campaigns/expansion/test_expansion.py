@@ -156,7 +156,7 @@ def test_a_command_line_setting_is_named_with_the_value_of_the_file(files: Any) 
     assert files.load(repetitions=1, seed=3).caveats == ()
 
 
-def test_a_file_that_needs_an_option_is_compared_with_what_is_flown(files: Any) -> None:
+def test_a_file_that_needs_an_option_is_compared_with_the_flown_one(files: Any) -> None:
     files.change("world: world.yaml\n", "")
     world = "world=world.yaml"
     assert files.load(sets=(world,)).left_out == ()
@@ -221,7 +221,7 @@ def test_runs_go_to_worker_processes(files: Any) -> None:
     assert inner_size_m(again) == pytest.approx(0.5)
 
 
-def test_the_setup_is_what_the_file_says(files: Any) -> None:
+def test_the_setup_has_the_values_of_the_file(files: Any) -> None:
     setup = files.load().runs[0].setup()
     real, twin = setup.vehicles["real"], setup.vehicles["twin"]
     assert (real.autopilot, real.profile, real.pose_source) == ("px4", "cage", "mocap")

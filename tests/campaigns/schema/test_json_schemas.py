@@ -181,7 +181,7 @@ ON_BENCH = "  real:\n    start: {north_m: 0.5}\n    params: {MPC_XY_VEL_MAX: 2.0
         ("bench: hall-a\nvehicles:\n  twin:", f"vehicles:\n{ON_BENCH}", "is not valid under any"),
     ],
 )
-def test_a_campaign_leaves_to_its_bench_what_every_bench_file_says(
+def test_a_campaign_on_a_bench_omits_the_keys_of_every_bench_file(
     schemas: dict[str, Any], old: str, new: str, said: str
 ) -> None:
     text = (ROOT / "campaigns" / "benches" / "gate-hall.yaml").read_text("utf-8")

@@ -184,6 +184,6 @@ def test_impossible_motion_capture_is_refused(files: Files, mocap: str, said: st
     assert any(said in fault for fault in files.faults())
 
 
-def test_motion_capture_that_nobody_uses_is_refused(files: Files) -> None:
+def test_unused_motion_capture_is_refused(files: Files) -> None:
     files.change("    pose_source: mocap\n", "    mocap: udp://127.0.0.1:5570\n")
     assert any("is not used with pose_source: mavlink" in fault for fault in files.faults())

@@ -101,7 +101,7 @@ def refused(*sets: str, **options: Any) -> RefusedError:
     return caught.value
 
 
-def test_embedded_vehicles_need_nobody_s_leave() -> None:
+def test_embedded_vehicles_need_no_consent() -> None:
     cleared = clear(campaign(), FlightOptions(jobs=3))
     assert cleared == Cleared("virtual", 3, "embedded")
     assert clear(campaign(), FlightOptions(clock="wall")).clock == "wall"
@@ -127,7 +127,7 @@ def test_a_vehicle_that_does_not_fly_is_not_asked_for() -> None:
     assert cleared.clock == "virtual"
 
 
-def test_a_port_where_nobody_speaks_is_reported_within_seconds() -> None:
+def test_a_silent_port_is_reported_within_seconds() -> None:
     port = free_port()
     flown = campaign(LINK % port)
     began_s = time.monotonic()
@@ -303,7 +303,7 @@ def test_boards_that_could_touch_fly_with_a_person_at_a_terminal_alone() -> None
 @pytest.mark.parametrize(
     ("answers", "armed"), [("intruder\ny\n", True), ("y\ny\n", False), ("intruder\nno\n", False)]
 )
-def test_the_person_types_the_name_of_what_flies_at_the_real_vehicle(
+def test_the_person_types_the_name_of_the_actor_at_the_real_vehicle(
     monkeypatch: pytest.MonkeyPatch, answers: str, armed: bool
 ) -> None:
     screen = Terminal()

@@ -60,7 +60,7 @@ def test_the_file_is_flushed_before_it_gets_its_name(
     assert seen == ["file", "rename", "folder"]
 
 
-def test_half_of_a_surrogate_pair_becomes_what_json_has_for_it(tmp_path: Path) -> None:
+def test_half_of_a_surrogate_pair_is_escaped_in_json(tmp_path: Path) -> None:
     path = tmp_path / "result.json"
     write_whole(path, to_json({"reason": "\ud800"}))
     assert json.loads(path.read_text("utf-8")) == {"reason": "\ud800"}

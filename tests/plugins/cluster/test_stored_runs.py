@@ -82,7 +82,7 @@ def test_a_run_that_is_not_all_there_is_not_read(store: Store, flown: Path, tmp_
 
 
 @pytest.mark.parametrize("damage", [b"abd", b"ab", b"", b"abcabc"])
-def test_a_file_that_is_not_what_was_sent_is_refused_and_leaves_no_result(
+def test_a_file_that_differs_from_the_sent_one_is_refused_without_a_result(
     store: Store, flown: Path, tmp_path: Path, damage: bytes
 ) -> None:
     send_run(store, "c/1", flown, ignore)

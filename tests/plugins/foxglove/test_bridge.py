@@ -180,7 +180,7 @@ def image(number: int) -> ImageView:
     )  # fmt: skip
 
 
-def test_a_run_that_follows_resets_clients_and_one_that_stands_delays_nobody() -> None:
+def test_the_next_run_resets_clients_and_one_that_never_reads_delays_none() -> None:
     with FoxgloveServer(FREE) as server, listening(server.url) as seen:
         port = int(server.url.rpartition(":")[2])
         bridge = Bridge(server)

@@ -68,7 +68,7 @@ def test_answers_arrive_as_they_were_given(message: FromProcess) -> None:
     assert from_process.decode(from_process.encode(message)) == message
 
 
-def test_an_item_may_hold_what_is_no_number() -> None:
+def test_a_mission_item_may_hold_nan() -> None:
     sent = Upload(1, ItemList.MISSION, (MissionItem(command=16, params=(0.0, 0.0, 0.0, math.nan)),))
     (item,) = to_process.decode(to_process.encode(sent)).items  # type: ignore[union-attr]  # an Upload
     assert math.isnan(item.params[3])

@@ -244,7 +244,7 @@ async def test_a_hostile_message_is_refused_and_changes_nothing(
     assert "mqtt: abort: wrong signature" in refused
 
 
-async def test_a_retained_command_waits_for_nobody(tmp_path: Path) -> None:
+async def test_a_retained_command_is_refused_at_once(tmp_path: Path) -> None:
     scene = Scene(tmp_path)
     await scene.start_broker()
     async with Person(scene.port, scene.controller) as person:

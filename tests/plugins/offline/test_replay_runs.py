@@ -85,7 +85,7 @@ def replayed(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, 
     return code, json.loads(told.out)
 
 
-def test_a_run_mixed_anew_is_what_it_was(
+def test_a_run_mixed_anew_equals_its_recording(
     run_of: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = run_of("raw")
@@ -143,7 +143,7 @@ combine:
 """Mixes every second image and every fifth reading of the IMU: the others are offered only."""
 
 
-def test_steps_that_select_by_time_get_also_what_was_not_due_in_a_replay(
+def test_steps_that_select_by_time_also_get_images_not_due_in_a_replay(
     fly_run: Fly,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

@@ -69,7 +69,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
     return Session(wil_campaign.read_results(flown), outcomes, done.stdout)
 
 
-def test_a_fail_is_a_failure_and_what_proves_nothing_an_error(session: Session) -> None:
+def test_a_fail_is_a_failure_and_an_unproven_run_an_error(session: Session) -> None:
     assert session.outcomes == {"failed": 1, "passed": 2, "skipped": 1, "error": 1}, session.text
     assert "PASSED hover.yaml::good/sim/1" in session.text
     assert "PASSED hover.yaml::late/sim/1" in session.text

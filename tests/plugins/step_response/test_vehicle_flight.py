@@ -124,7 +124,7 @@ def flown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Any]:
     return given
 
 
-def test_the_table_says_what_is_in_and_what_is_out(
+def test_the_table_marks_figures_within_and_beyond_the_limit(
     flown: list[Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     flown[:] = [ALIKE]

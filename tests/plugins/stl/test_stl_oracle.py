@@ -192,7 +192,7 @@ def values(name: str, *samples: object) -> list[float]:
     return [value for value in found if not math.isnan(value)]
 
 
-def test_values_of_signals() -> None:
+def test_signals_have_the_values_of_the_pose() -> None:
     leaning = PoseSample(1.0, "real", Pose((1, 2, -3), (0.5**0.5, 0.5**0.5, 0, 0)), (3, 4, -12))
     expected = {
         "north_m": 1, "east_m": 2, "up_m": 3, "speed_m_s": 13, "ground_speed_m_s": 5,
@@ -206,7 +206,7 @@ def test_values_of_signals() -> None:
     assert 1.5 < gate_m < 3.0
 
 
-def test_values_of_what_the_vehicle_says() -> None:
+def test_signals_have_the_values_that_the_vehicle_reports() -> None:
     unknown = StateSample(1.0, "real", True, Mode.GUIDED)
     known = StateSample(2.0, "real", False, Mode.HOLD, "", True, "x", 0.25, 11.5, "no height")
     other = StateSample(3.0, "twin", True, Mode.GUIDED, "", False, None, 1.0, 12.0)
@@ -463,7 +463,7 @@ def test_a_failure_has_the_time_at_which_it_became_one(text: str, at_s: float | 
     assert (result.verdict, result.at_s) == ("FAIL", at_s)
 
 
-def test_a_signal_that_ends_comes_before_what_only_the_end_can_fail() -> None:
+def test_a_signal_that_ends_comes_before_a_failure_known_only_at_the_end() -> None:
     """Else positions that stop would be blamed on what they did not show."""
     result = fly(stl("eventually (up_m >= 5)"), (2.0, 0.0), (3.0, 0.0))
     silent = DecisiveEvent(8.0, "INVALID", "no sample since 4 s", "evidence/pose/real")

@@ -93,7 +93,7 @@ def test_every_sensor_is_delayed_and_held(sensor: str) -> None:
     assert mixed.provenance.twin_t_s == pytest.approx(1.04)
 
 
-def test_a_choice_by_time_stands_before_what_changes_readings() -> None:
+def test_a_choice_by_time_stands_before_steps_that_change_readings() -> None:
     said = refusal("lidar", "transform: [{resample_beams: real}, {delay: 100}], merge: overlay")
     assert (
         "'delay' selects among the received readings: it must come before 'resample_beams'" in said

@@ -187,7 +187,7 @@ def test_a_recipe_that_changes_everything_is_searched_for_the_gate(
 
 @pytest.mark.parametrize(("share", "is_shown"), [(0.5, True), (0.25, True), (0.1, False)])
 @pytest.mark.parametrize("whole", [True, False], ids=["whole picture", "isolated"])
-def test_a_gate_that_nobody_sees_is_not_shown(
+def test_a_gate_of_too_little_contrast_is_not_shown(
     scene: Scene, share: float, is_shown: bool, whole: bool
 ) -> None:
     """A weighted merge shows its weight of the contrast."""
@@ -386,8 +386,6 @@ def test_an_object_before_one_that_is_not_shown_is_not_displaced(*, wall: bool) 
 
 
 @pytest.mark.parametrize("wall", [True, False])
-def test_an_object_beside_its_place_is_displaced_before_what_is_not_shown_too(
-    *, wall: bool
-) -> None:
+def test_an_object_beside_its_place_is_displaced_also_before_a_hidden_one(*, wall: bool) -> None:
     ball, _ = ball_before_a_wall(wall=wall, away=10).objects
     assert ball.is_displaced

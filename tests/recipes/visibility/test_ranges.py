@@ -172,7 +172,7 @@ def test_something_before_many_beams_beside_an_object_in_view_is_unexpected() ->
 
 
 @pytest.mark.parametrize(("nearest_m", "is_unexpected"), [(math.inf, True), (1.1, False)])
-def test_a_single_beam_shows_what_is_not_there(nearest_m: float, is_unexpected: bool) -> None:
+def test_a_single_beam_shows_an_unexpected_object(nearest_m: float, is_unexpected: bool) -> None:
     """But not where an object stands just beside its cone."""
     frame = compare_ranges(
         t_s=1.0,

@@ -98,7 +98,7 @@ def test_a_jump_and_a_bias_are_found_by_the_accuracy_of_both() -> None:
 
 @pytest.mark.parametrize("other", [CAPTURED, TRUTH])
 @pytest.mark.parametrize(("off_m", "is_found"), [(0.4, False), (0.6, True), (-1.4, True)])
-def test_a_better_source_bounds_what_an_estimate_may_be_off(
+def test_a_better_source_bounds_the_error_of_an_estimate(
     other: Accuracy, off_m: float, is_found: bool
 ) -> None:
     def low(t_s: float) -> Vec3:
@@ -123,7 +123,7 @@ def test_a_step_of_an_estimate_is_found_by_a_better_source() -> None:
     assert found.text.startswith("it moved 0.22 m within 0.20 s to 4.00 s, by the other")
 
 
-def test_a_velocity_that_its_own_positions_contradict_excludes_nobody() -> None:
+def test_a_velocity_that_its_own_positions_contradict_excludes_no_source() -> None:
     # PX4 1.18 descended so in SITL: 0.9 m/s aside by its velocity, and nowhere by its positions.
     assert first(straight, velocity=(SPEED_M_S, 0.9, 0.0)) is None
     found = first(frozen, velocity=(SPEED_M_S, 0.9, 0.0))
@@ -222,7 +222,7 @@ def recorded(name: str) -> list[PoseSample]:
 
 
 @pytest.mark.parametrize("name", ["px4-1.18-offboard", "arducopter-4.7-guided"])
-def test_flights_of_the_real_firmwares_disagree_with_nobody(name: str) -> None:
+def test_sources_agree_in_flights_of_the_real_firmwares(name: str) -> None:
     flight = recorded(name)
     assert flight[-1].t_s - flight[0].t_s > 25.0
     source = OwnVelocity()

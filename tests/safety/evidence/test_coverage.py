@@ -234,7 +234,7 @@ def test_no_order_of_stamps_hides_a_gap(stamps: list[float]) -> None:
     assert bool(evidence.events) == (max(gaps) > LIMIT_S)
 
 
-def test_limits_are_three_periods_of_what_is_judged() -> None:
+def test_limits_are_three_periods_of_the_judged_signal() -> None:
     assert position_limit_s(50.0) == pytest.approx(0.06 + STAMP_S)
     assert position_limit_s(100.0, judged_every_s=0.018) == pytest.approx(0.06 + STAMP_S)
     assert position_limit_s(60.0, judged_every_s=0.018) == pytest.approx(0.1 + STAMP_S)

@@ -124,7 +124,7 @@ def test_distance_may_have_one_limit() -> None:
     assert (close.result(4.0).actual, far.result(4.0).actual) == (0.5, 9.0)
 
 
-def test_distance_to_what_is_not_there_is_refused_with_what_was_meant() -> None:
+def test_the_distance_to_an_unknown_object_is_refused_with_a_suggestion() -> None:
     context = OracleContext(
         mode="wil",
         subject="real",

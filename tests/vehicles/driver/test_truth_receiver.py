@@ -191,7 +191,7 @@ def test_after_a_reboot_it_is_anchored_anew() -> None:
     assert simulator.samples == []
 
 
-def test_nothing_is_taken_where_nobody_listens() -> None:
+def test_truth_without_a_listener_is_not_taken() -> None:
     simulator = Simulator(ArduCopter(), listens=False)
     simulator.stand(sim_state())
     assert simulator.receiver.count == 0

@@ -146,7 +146,7 @@ def test_a_physical_contact_stops_the_motors(rig: Any, virtually: Scenario, auto
     virtually(scenario())
 
 
-def test_passes_events_to_what_moves(rig: Any, virtually: Scenario) -> None:
+def test_it_passes_events_to_moving_objects(rig: Any, virtually: Scenario) -> None:
     async def scenario() -> None:
         wall = Wall(1.0)
         async with rig(autopilot="px4", contact_world=wall) as r:

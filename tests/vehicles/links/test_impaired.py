@@ -79,7 +79,7 @@ def test_latency_and_jitter_keep_the_order() -> None:
     assert 0.08 < sum(delays_s) / len(delays_s) < 0.12
 
 
-def test_loss_is_what_was_asked_for() -> None:
+def test_the_share_of_lost_frames_is_the_requested_one() -> None:
     arrived = _fly(Impairment(loss=0.05), count=20_000)
     assert 1.0 - len(arrived) / 20_000 == pytest.approx(0.05, abs=0.006)
 

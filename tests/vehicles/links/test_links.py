@@ -45,7 +45,7 @@ def test_memory_keeps_order_and_latency(latency_s: float) -> None:
         assert t_s == pytest.approx(number // 10 * 0.01 + latency_s, abs=1e-9)
 
 
-def test_memory_loses_what_is_written_to_a_closed_end() -> None:
+def test_memory_loses_bytes_written_to_a_closed_end() -> None:
     async def fly() -> list[bytes]:
         ours, theirs = memory_pair(latency_s=0.1)
         arrived: list[bytes] = []

@@ -39,7 +39,9 @@ def picture(width: int = 64, height: int = 64) -> Any:
 
 @pytest.mark.parametrize("layout", ["v5", "v8"])
 @pytest.mark.parametrize("told", [True, False])
-def test_both_layouts_find_what_is_there(tmp_path: Path, layout: Kind, told: bool) -> None:
+def test_both_layouts_find_the_objects_in_an_image(
+    tmp_path: Path, layout: Kind, told: bool
+) -> None:
     found = detector(tmp_path, layout, layout=layout if told else "auto").detect(picture())
     boxes = {(one.name, one.left_px, one.top_px, one.right_px, one.bottom_px) for one in found}
     assert boxes == {("red", 0, 0, 32, 32), ("green", 32, 32, 64, 64)}
@@ -277,7 +279,7 @@ def test_the_surest_of_boxes_that_cover_each_other_stays(given_boxes: Any) -> No
         assert found[0][1] == scores.max()
 
 
-def test_boxes_at_the_end_of_what_a_single_holds_are_no_overflow() -> None:
+def test_boxes_at_the_largest_single_are_no_overflow() -> None:
     huge = float(np.finfo(np.float32).max)
     boxes = np.array([[-huge, -huge, huge, huge]] * 2, np.float32)
     scores, kinds = np.array([0.9, 0.8], np.float32), np.array([0, 0])

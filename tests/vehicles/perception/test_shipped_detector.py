@@ -78,7 +78,7 @@ def test_an_empty_cage_has_nobody_in_it() -> None:
         assert detector.detect(image) == ()
 
 
-def test_a_threshold_leaves_out_what_is_less_sure() -> None:
+def test_a_threshold_drops_less_sure_boxes() -> None:
     ((image, _),) = frames("follow", "person", np.array([0.0]))
     (sure, *_) = shipped_detector(threshold=0.1).detect(image)
     assert sure.name in NAMES

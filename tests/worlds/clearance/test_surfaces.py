@@ -99,7 +99,7 @@ def test_a_sweep_is_beyond_exactly_when_its_hull_is(seed: int, count: int, m: fl
 
 
 @given(seeds, counts)
-def test_the_tree_holds_every_triangle_and_boxes_hold_what_is_below(seed: int, count: int) -> None:
+def test_the_tree_holds_every_triangle_and_boxes_hold_their_children(seed: int, count: int) -> None:
     corners, faces = soup(np.random.default_rng(seed), count)
     triangles, boxes = triangle_tree(corners, faces)
     assert {each.tobytes() for each in triangles} == {each.tobytes() for each in corners[faces]}

@@ -518,7 +518,7 @@ def test_a_place_within_a_text(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", [r'a: {f: "one \t two"}', "a: {f: 5}"])
-def test_a_place_within_what_cannot_be_followed_is_its_beginning(text: str) -> None:
+def test_a_place_within_an_escaped_value_is_its_beginning(text: str) -> None:
     assert doc(text).problem_within(("a", "f"), 7, "here").column == 8
 
 

@@ -258,7 +258,7 @@ def test_each_file_that_code_of_the_users_runs_is_known(
     assert found[there / "helper_of_ours.py"] == f"sha256:{hashlib.sha256(content).hexdigest()}"
 
 
-def test_a_module_that_somebody_else_imported_before_is_known(
+def test_a_module_that_other_code_imported_before_is_known(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(str(write(tmp_path / "path", before_of_ours="V = 1")))

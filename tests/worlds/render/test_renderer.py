@@ -224,7 +224,7 @@ def test_an_empty_scene_is_sky_over_ground() -> None:
     assert int(sky.sum()) > int(ground.sum())
 
 
-def test_both_sides_of_a_face_are_lit_by_what_is_seen() -> None:
+def test_both_sides_of_a_face_are_lit_alike() -> None:
     """A sheet seen from its back is lit as one that faces the viewer."""
     paint = meshes.Material((200, 200, 200))
     front = meshes.quad((1.0, 0.0, 0.0), (0, 1.0, 0), (0, 0, -1.0), paint)

@@ -211,7 +211,7 @@ def test_a_resumption_flies_a_run_again_by_verdict_and_retries(
     [(True, False, False), (True, True, True), (False, False, True)],
 )
 @pytest.mark.parametrize("verdict", ["FAIL", "ERROR"])
-def test_a_search_flies_what_was_cut_off_after_its_verdict_again_but_no_real_vehicle(
+def test_a_search_repeats_runs_cut_off_after_their_verdict_but_no_real_ones(
     campaign: Path,
     tmp_path: Path,
     verdict: Verdict,
@@ -281,7 +281,7 @@ def test_the_newest_folder_is_resumed(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("quick")
-def test_resuming_flies_what_is_missing_and_nothing_else(campaign: Path) -> None:
+def test_a_resumption_flies_the_missing_runs_alone(campaign: Path) -> None:
     assert run(campaign, "--repetitions", "4") == 0
     folder = folder_of(campaign)
     kept = {path: path.read_bytes() for path in folder.glob("default/sim/[134]/result.json")}
@@ -493,7 +493,7 @@ def test_hardware_is_never_flown_again_by_itself(
 
 
 @pytest.mark.usefixtures("quick")
-def test_retries_come_to_an_end_and_a_fail_is_none(campaign: Path) -> None:
+def test_retries_come_to_an_end_and_a_fail_is_not_retried(campaign: Path) -> None:
     text = campaign.read_text()
     campaign.write_text(text + "retries: 2\ndescription: die\n")
     assert run(campaign, "--repetitions", "1") == 3

@@ -46,7 +46,7 @@ def test_a_run_that_prints_without_end_fills_no_disk(
     assert (tmp_path / OUTPUT_FILE).stat().st_size == 1000
 
 
-def test_a_full_disk_takes_what_was_printed_and_not_the_run(
+def test_a_full_disk_loses_the_output_and_not_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     class FullDisk(io.StringIO):

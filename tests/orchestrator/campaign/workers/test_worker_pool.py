@@ -203,7 +203,7 @@ def test_a_place_that_no_order_waits_for_is_not_waited_for(orders: list[str]) ->
     assert workers.given_up <= 1
 
 
-def test_an_abort_ends_what_waits_for_a_place() -> None:
+def test_an_abort_ends_orders_that_wait_for_a_place() -> None:
     outcomes: Outcomes = {}
     workers = ScarceWorkers(0)
 

@@ -135,7 +135,9 @@ def test_an_unknown_driver_and_the_system_id_of_a_driver_are_refused(cli: Cli, g
 
 
 @pytest.mark.parametrize("content", [b"", b"\x7fELF\x00", b"[1, 2]", b"a: [", b"\xff\xfe"])
-def test_validate_survives_what_is_no_campaign(cli: Cli, tmp_path: Path, content: bytes) -> None:
+def test_validate_survives_files_that_are_no_campaign(
+    cli: Cli, tmp_path: Path, content: bytes
+) -> None:
     path = tmp_path / "x.yaml"
     path.write_bytes(content)
     outcome = cli("validate", str(path), str(tmp_path / "none.yaml"))
@@ -188,7 +190,7 @@ def test_plan_of_a_bad_file_or_option_is_reported(cli: Cli) -> None:
         ("signals", "clearance_m"),
     ],
 )
-def test_list_shows_what_is_at_hand(cli: Cli, what: str, name: str) -> None:
+def test_list_shows_all_that_is_available(cli: Cli, what: str, name: str) -> None:
     rows = json.loads(cli("list", what, "--json").out)
     assert name in [row["name"] for row in rows]
     outcome = cli("list", what)

@@ -99,7 +99,7 @@ def assert_aborted(campaign: Path, by: str, said: str) -> None:
 ENDLESS = ("--set", "autonomy={use: still.py:Still, with: {ticks: 1000000}}")
 
 
-def test_a_signal_to_the_whole_group_lands_what_flies(campaign: Path) -> None:
+def test_a_signal_to_the_whole_group_lands_flying_vehicles(campaign: Path) -> None:
     with subprocess.Popen(  # noqa: S603 - our own interpreter
         command(campaign, *ENDLESS),
         cwd=ROOT,
@@ -119,7 +119,7 @@ def test_a_signal_to_the_whole_group_lands_what_flies(campaign: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_other_signals_land_what_flies(
+def test_other_signals_land_flying_vehicles(
     campaign: Path, capsys: pytest.CaptureFixture[str], number: signal.Signals
 ) -> None:
     def send() -> None:
@@ -265,7 +265,7 @@ def test_runs_of_one_worker_do_not_know_of_each_other(campaign: Path) -> None:
     assert notes == ["1 by now", "1 by now"]
 
 
-def test_folders_are_there_only_for_what_was_flown(campaign: Path) -> None:
+def test_only_flown_runs_have_folders(campaign: Path) -> None:
     plans = load_campaign(campaign).runs
     assert main([*command(campaign)[3:], "--repetitions", "1"]) == 0
     (folder,) = (campaign.parent / "out" / "hover").iterdir()

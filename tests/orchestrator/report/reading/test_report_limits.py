@@ -157,7 +157,7 @@ def test_a_thing_is_boxed_where_the_recorded_world_and_pose_have_it() -> None:
     assert mark.outline_px == ()
 
 
-def test_the_touched_part_is_outlined_and_what_is_behind_is_not_boxed() -> None:
+def test_the_touched_part_is_outlined_and_objects_behind_it_have_no_box() -> None:
     (mark,) = marks_of(
         seen(),
         "camera",

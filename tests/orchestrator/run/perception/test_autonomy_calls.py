@@ -140,7 +140,7 @@ def test_an_alarm_after_the_end_of_a_call_does_not_interrupt_its_clean_up() -> N
         assert signal.getsignal(signal.SIGALRM) is before
 
 
-def test_somebody_elses_timer_goes_on() -> None:
+def test_a_timer_of_other_code_goes_on() -> None:
     heard: list[int] = []
     before = signal.signal(signal.SIGALRM, lambda number, _: heard.append(number))
     earlier = signal.setitimer(signal.ITIMER_REAL, 3600.0)

@@ -279,7 +279,7 @@ def test_jitter_of_its_stamps_loses_no_image_of_a_camera_at_the_recipe_s_rate() 
     assert len(rig.frames) == 45
 
 
-def test_a_step_that_chooses_by_time_sees_also_what_is_not_due_in_its_order() -> None:
+def test_a_step_that_chooses_by_time_also_sees_readings_that_are_not_due() -> None:
     body = "transform: [register, {delay: {by_ms: 30, on: real}}], merge: overlay"
     rig = flown(
         lambda: Rig(body, sensor="camera", twin=Slow(0.04), period_s=1 / 45, rate_hz=15.0),
@@ -640,7 +640,7 @@ def test_one_reading_beyond_its_budget_makes_the_flight_invalid(
 
 
 @pytest.mark.parametrize("limit_px", [None, 8.0])
-def test_a_limit_that_nothing_shows_to_be_kept_makes_the_flight_invalid(
+def test_a_limit_that_cannot_be_checked_makes_the_flight_invalid(
     limit_px: float | None,
 ) -> None:
     async def feed(flight: Flight) -> None:

@@ -201,7 +201,7 @@ class Painting(Listening):
             reading.image_bgr[:] = 255
 
 
-def test_an_autonomy_that_paints_on_its_images_changes_nobody_elses(
+def test_an_autonomy_that_paints_on_its_images_changes_no_others(
     fly_run: Fly, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorded: list[list[bytes]] = []

@@ -80,7 +80,7 @@ def test_a_dropped_out_vehicle_is_awaited_until_it_is_disarmed_or_silent(
 
 @pytest.mark.parametrize("at_s", [0.5, None])
 @pytest.mark.parametrize("names", [("twin",), ("real", "twin")])
-def test_a_second_vehicle_that_shows_itself_after_arming_takes_off_with_nobody(
+def test_no_vehicle_takes_off_when_a_second_one_appears_after_arming(
     names: tuple[str, ...], at_s: float | None
 ) -> None:
     """It is armed at 0.6 s by its heartbeat; of a pair the motors spool up then."""

@@ -211,7 +211,7 @@ def test_a_disk_without_room_is_reported_before_the_first_run(
     assert not list(out.rglob("result.json"))
 
 
-def test_commands_that_nobody_signs_are_shown_by_the_preflight(hover: Any) -> None:
+def test_the_preflight_shows_that_commands_are_not_signed(hover: Any) -> None:
     def operator_items(commands: str) -> list[Item]:
         mqtt = f"{{broker: 'mqtt://127.0.0.1', commands: {commands}}}"
         flown = hover(f"operator.mqtt={mqtt}")

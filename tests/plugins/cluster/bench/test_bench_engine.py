@@ -113,7 +113,7 @@ def order_of(campaign: Campaign, folder: Path, *, arm: bool = True) -> RunOrder:
     return RunOrder(plan=plan, folder=folder / plan.name, clock="wall", arm=arm)
 
 
-def test_the_gate_of_a_bench_passes_what_was_consented_to_and_no_more(tmp_path: Path) -> None:
+def test_the_gate_of_a_bench_passes_the_consented_runs_and_no_more(tmp_path: Path) -> None:
     path, bench = write_campaign(tmp_path), write_bench(tmp_path)
     order = RunOrdered(order_of(load_campaign(path, Options(benches=(bench,))), tmp_path))
     gate = BenchGate(bench)

@@ -268,7 +268,7 @@ def test_stop_after_confirms_at_once_and_flies_no_more() -> None:
     assert "stop_after" in findings.ended
 
 
-def test_the_dearer_mode_flies_what_fails_in_the_cheaper_one_or_may_by_the_gap() -> None:
+def test_the_dearer_mode_flies_failures_of_the_cheaper_one_and_those_within_the_gap() -> None:
     def shifted(by: float) -> Any:
         def answer(values: Values, mode: str, seed: int) -> float:
             noise = 0.01 * seed if mode == "wil" else 0.0

@@ -260,7 +260,7 @@ def test_scans_and_depth_become_points() -> None:
     assert len(apply("to_points", depth(2.0), every=4).reading.points_frd_m) == 12 * 16
 
 
-def test_points_are_made_of_what_is_kept_only() -> None:
+def test_points_are_made_of_kept_readings_alone() -> None:
     work = Masked(scan([1.0, 2.0, 3.0]), np.array([255, 0, 255], np.uint8))
     assert len(build("to_points")(work, None).reading.points_frd_m) == 2
 

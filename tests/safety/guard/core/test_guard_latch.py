@@ -236,7 +236,7 @@ def test_motors_are_cut_as_the_campaign_allows(
     assert "TERMINATE" not in pair.vehicles["twin"].words()
 
 
-def test_a_landing_that_nobody_reports_still_ends_disarmed(fake_vehicle: Any, rig: Any) -> None:
+def test_an_unreported_landing_still_ends_disarmed(fake_vehicle: Any, rig: Any) -> None:
     pair = make_pair(fake_vehicle, rig, real={"tells_landed": False, "disarms": False})
     abort(pair)
     pair.fly(30.0)

@@ -58,7 +58,7 @@ def position(t_s: float) -> Position:
     return Position(0, t_s, (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), AT_REST)
 
 
-async def test_a_command_overtakes_what_waits_and_takes_it_along() -> None:
+async def test_a_command_overtakes_waiting_messages_and_takes_them_along() -> None:
     ends = Ends()
     abort = Operate(OperatorCommand("abort", "anna"))
     ends.sender.send_soon(position(1.0), key=0, within_s=30.0)

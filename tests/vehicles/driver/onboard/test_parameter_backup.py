@@ -113,7 +113,7 @@ def test_the_backup_stays_when_one_cannot_be_set_back(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_flight_s_own_error_is_what_is_raised(tmp_path: Path) -> None:
+def test_the_error_of_the_flight_itself_is_raised(tmp_path: Path) -> None:
     access = Access(A=1)
 
     async def scenario() -> None:
@@ -163,7 +163,7 @@ def test_an_entry_that_is_cancelled_leaves_no_backup(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_dead_disk_is_an_error_and_what_it_takes_after_all_is_removed(
+def test_a_dead_disk_is_an_error_and_its_late_backup_is_removed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def scenario() -> None:

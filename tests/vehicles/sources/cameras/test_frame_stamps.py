@@ -36,7 +36,7 @@ def test_gaps_in_the_stamps_of_a_steady_camera_are_missed_exposures() -> None:
     assert camera.missed == 2
 
 
-def test_an_unsteady_camera_counts_what_came() -> None:
+def test_an_unsteady_camera_counts_images_that_arrived() -> None:
     camera = stamper()
     assert seqs(camera, [0.0, 0.1, 0.4]) == [0, 1, 2]
     assert camera.missed == 0

@@ -74,7 +74,7 @@ def test_a_sample_time_after_the_arrival_becomes_the_arrival() -> None:
     assert run_virtual(taken()) == [0.97, 1.0, 1.04]
 
 
-def test_a_source_that_sends_only_what_is_of_no_use_has_stalled() -> None:
+def test_a_source_that_sends_only_useless_readings_has_stalled() -> None:
     async def stalls(live: LiveReadings) -> str:
         async def feed() -> None:
             for _ in range(300):
@@ -106,7 +106,7 @@ def test_a_stall_is_reported_again_until_something_comes() -> None:
     assert run_virtual(stalls(source())) == pytest.approx(3.0)
 
 
-def test_the_oldest_makes_way_when_nobody_takes_them() -> None:
+def test_the_oldest_reading_is_dropped_when_none_is_taken() -> None:
     async def taken(live: LiveReadings) -> int:
         for k in range(100):
             live.offer(imu(1.0 + 0.001 * k))
