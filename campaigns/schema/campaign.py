@@ -191,7 +191,7 @@ class RecordPart(Part):
         is_wanted = "video" in self.model_fields_set and self.video != "never"
         if self.pictures == "none" and is_wanted:
             message = (
-                "is made of the recorded images, and pictures: none records none; "
+                "is made of the recorded images, but pictures: none records no images; "
                 "record them (jpeg), or leave video out"
             )
             raise KeyFaultError("video", message)

@@ -203,9 +203,7 @@ def _parameters(backups: Path) -> Iterator[Finding]:
     """Yield the finding on parameter backups that wait to be restored."""
     if there := waiting_backups(backups):
         text = f"parameters of attached vehicles to restore: {', '.join(map(str, there))}"
-        remedy = (
-            "the next run with that vehicle does it before arming; a run in flight does it itself"
-        )
+        remedy = "the next run with that vehicle restores them before arming, or the one in flight"
         yield Finding(LEFT, "note", text, remedy)
 
 

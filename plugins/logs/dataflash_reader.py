@@ -44,7 +44,7 @@ def read_dataflash(path: Path) -> LoggedFlight:
     except Exception as error:  # DFReader raises whatever a damaged file causes
         raise LogError(f"{path} cannot be read as a log of ArduPilot (.bin): {error}") from error
     if not vehicle.is_any:
-        raise LogError(f"{path} has no message that tells of a flight: is it a log of ArduPilot?")
+        raise LogError(f"{path} has no message of a flight: is it a log of ArduPilot?")
     return vehicle.flight(is_damaged="bad header" in noise.getvalue().lower())
 
 
@@ -121,9 +121,9 @@ class _Vehicle:
         firmware = ""
         if named is not None:
             firmware = named[4] or f"{named[2].lstrip('V')} ({named[3]})"
-        problems = ["it is damaged: what could be read is used"] if is_damaged else []
+        problems = ["it is damaged: its readable part is used"] if is_damaged else []
         if named is not None and named[1] not in {None, "Copter"}:
-            problems.append(f"it is of Ardu{named[1]}; only multicopters are flown")
+            problems.append(f"it is a log of Ardu{named[1]}; only multicopters are flown")
         return LoggedFlight(
             kind="a log of ArduPilot",
             autopilot="ardupilot",

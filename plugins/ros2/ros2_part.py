@@ -16,7 +16,7 @@ Distribution = Literal["humble", "iron", "jazzy", "kilted"]
 WireName = Literal["zenoh", "rclpy"]
 _TOPIC = re.compile(r"/[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 _STARTS = ("command", "run", "launch", "found")
-_INSTALL = "pip install 'wil-campaign[ros2]'"
+INSTALL = "pip install 'wil-campaign[ros2]'"
 
 
 def _is_topic(name: str) -> str:
@@ -107,7 +107,7 @@ class Ros2Part(Part):
             yield KeyFaultError("launch", f"there is no file '{self.launch}' beside the campaign")
         missing = [name for name in ("rosbags", "zenoh") if find_spec(name) is None]
         if "rosbags" in missing or (self.wire == "zenoh" and missing):
-            yield KeyFaultError("wire", f"needs {' and '.join(missing)}: {_INSTALL}")
+            yield KeyFaultError("wire", f"needs {' and '.join(missing)}: {INSTALL}")
         if self.wire == "rclpy" and _program_path(self.python, folder) is None:
             yield KeyFaultError("python", f"there is no program '{self.python}'")
 

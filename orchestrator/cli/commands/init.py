@@ -66,7 +66,7 @@ def init(
         The log of a flight, whose course, origin, vehicle and parameters the campaign takes: a
         .tlog, .ulg (PX4) or .bin (ArduPilot), a bag of ROS 2 in MCAP, or the folder of a run.
     profile
-        With --from: write the vehicle's profile, too, as far as the log tells it.
+        With --from: write the vehicle's profile, too, as far as the log states it.
     """
     if profile and from_ is None:
         err("--profile is made from a log: give --from LOG")

@@ -146,7 +146,7 @@ def test_a_physical_contact_stops_the_motors(rig: Any, virtually: Scenario, auto
     virtually(scenario())
 
 
-def test_passes_events_to_what_moves(rig: Any, virtually: Scenario) -> None:
+def test_it_passes_events_to_moving_objects(rig: Any, virtually: Scenario) -> None:
     async def scenario() -> None:
         wall = Wall(1.0)
         async with rig(autopilot="px4", contact_world=wall) as r:
@@ -158,7 +158,7 @@ def test_passes_events_to_what_moves(rig: Any, virtually: Scenario) -> None:
     virtually(scenario())
 
 
-def test_killed_it_says_no_more(rig: Any, virtually: Scenario) -> None:
+def test_it_is_silent_after_a_kill(rig: Any, virtually: Scenario) -> None:
     async def scenario() -> None:
         async with rig(autopilot="px4") as r:
             await r.hover()
@@ -172,7 +172,7 @@ def test_killed_it_says_no_more(rig: Any, virtually: Scenario) -> None:
     virtually(scenario())
 
 
-def test_muted_it_flies_on(rig: Any, virtually: Scenario) -> None:
+def test_it_flies_on_while_it_is_mute(rig: Any, virtually: Scenario) -> None:
     async def scenario() -> None:
         async with rig(autopilot="px4") as r:
             await r.hover()
@@ -209,7 +209,7 @@ def test_a_failed_motor_brings_it_down(rig: Any, virtually: Scenario, autopilot:
 
 
 @BOTH
-def test_with_an_empty_battery_it_falls(rig: Any, virtually: Scenario, autopilot: str) -> None:
+def test_it_falls_with_an_empty_battery(rig: Any, virtually: Scenario, autopilot: str) -> None:
     async def scenario() -> None:
         async with rig(autopilot=autopilot) as r:
             await r.hover()

@@ -231,7 +231,7 @@ def flapped(
     return flaky, [one.getMessage() for one in caplog.records]
 
 
-def test_what_flaps_is_reported_once_and_again_when_it_stays(
+def test_a_link_that_flaps_is_reported_once_and_again_when_it_stays(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async def script(recovery: Reconnection, _: Flaky) -> None:

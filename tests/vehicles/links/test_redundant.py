@@ -256,7 +256,7 @@ def test_the_first_radio_dies_in_flight(autopilot: AutopilotName) -> None:
     run_virtual(scenario())
 
 
-async def test_what_cannot_be_opened_closes_the_others(free_tcp_port: int) -> None:
+async def test_a_link_that_cannot_be_opened_closes_the_others(free_tcp_port: int) -> None:
     address = LinkAddress("tcpin", host="127.0.0.1", port=free_tcp_port)
     with pytest.raises(LinkError, match="is in use"):
         await RedundantLink(

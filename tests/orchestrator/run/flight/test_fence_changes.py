@@ -69,7 +69,7 @@ def test_a_vehicle_that_leaves_the_new_fence_is_brought_down(fly_run: Fly) -> No
     assert all_landed(folder)
 
 
-def test_fences_that_cannot_be_are_refused_and_the_old_one_holds(fly_run: Fly) -> None:
+def test_impossible_fences_are_refused_and_the_old_one_holds(fly_run: Fly) -> None:
     result, folder = fly_run(boots=True, inbox=Asks(*BAD), mode="sim", sets=AHEAD)
     assert (result.verdict, result.reason) == ("PASS", "")
     answers = [line for line in log_of(folder) if line["event"] == "answer"]

@@ -100,7 +100,7 @@ def test_a_text_fits_into_one_message() -> None:
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
-def test_those_that_the_page_lists_as_refused_are_refused(autopilot: AutopilotName) -> None:
+def test_parameters_that_the_page_lists_as_refused_are_refused(autopilot: AutopilotName) -> None:
     pattern = rf"^{_LISTS[autopilot]}: ((?:`\w+`[,.]\s)+)"
     _, listed = re.findall(pattern, _PAGE, re.MULTILINE)
     names = re.findall(r"`(\w+)`", listed)

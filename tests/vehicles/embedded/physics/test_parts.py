@@ -158,7 +158,7 @@ def test_a_mended_motor_gives_what_it_gave_before() -> None:
     assert thrust_n() == pytest.approx(0.95, abs=1e-3)
 
 
-def test_numbers_that_are_none_are_an_error() -> None:
+def test_thrusts_that_are_no_numbers_are_an_error() -> None:
     p = plant()
     for _ in range(10):
         p.step((math.nan, 0.0, 0.0, 0.0))

@@ -159,7 +159,7 @@ def scene_of(root: ET.Element) -> ET.Element:
     """Return the visual scene that a document shows."""
     instance = root.find("{*}scene/{*}instance_visual_scene")
     if instance is None:
-        raise UnsupportedMeshError("it has no scene, which says what of it is shown")
+        raise UnsupportedMeshError("it has no scene, which lists the parts that are shown")
     ident = _inner(instance.get("url", ""), "its scene")
     scene = _by_id(root.iterfind("{*}library_visual_scenes/{*}visual_scene")).get(ident)
     if scene is None:
