@@ -163,6 +163,10 @@ class ForkedPopen:
     def poll(self) -> int | None:
         return self._process.poll()
 
+    def detach(self) -> None:
+        """Wait for its end no more."""
+        self._process.give_up()
+
     def wait(self, timeout: float | None = None) -> int:
         """Wait for its end; return its exit code. Raises TimeoutExpired."""
         while (code := self._process.poll()) is None:

@@ -49,6 +49,7 @@ def fork_detached(command: list[str], environment: Mapping[str, str]) -> tuple[i
     process = ForkedPopen(command, stdin=PIPE, stdout=PIPE, env=environment)
     assert process.stdin is not None
     assert process.stdout is not None
+    process.detach()
     with process.stdin, process.stdout:
         return process.pid, os.dup(process.stdin.fileno()), os.dup(process.stdout.fileno())
 
