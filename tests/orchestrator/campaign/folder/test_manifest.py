@@ -1,6 +1,7 @@
 """The manifest by which recorded runs are judged, beside that of their flight."""
 
 import json
+from functools import cache
 from typing import Any
 
 import pytest
@@ -23,6 +24,7 @@ def flown(file: str, **options: Any) -> dict[str, Any]:
     return found
 
 
+@cache
 def load(file: str, **options: Any) -> Any:
     return load_campaign(ROOT / "campaigns" / file, Options(loads_code=False, **options))
 
