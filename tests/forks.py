@@ -213,6 +213,8 @@ def fork(
         "environment": dict(environment),
         "cwd": str(cwd),
         "parent": os.getpid(),
+        "policy": os.sched_getscheduler(0),
+        "nice": os.nice(0),
     }
     numbers = (0, 1, 2, END, *inherited)
     request = fork_server._Request(

@@ -37,6 +37,7 @@ print(json.dumps({
     "signals": [signal.getsignal(one) == signal.SIG_DFL for one in (signal.SIGTERM, signal.SIGHUP)],
     "interrupt": signal.getsignal(signal.SIGINT) is signal.default_int_handler,
     "threads": threading.active_count(),
+    "priority": [os.sched_getscheduler(0), os.nice(0)],
     "collects": gc.isenabled(),
     "says": sys.stdin.read(),
 }))

@@ -36,7 +36,8 @@ def at_rate(hz: int) -> tuple[str, ...]:
     return tuple(word for one in each for word in ("--set", one))
 
 
-SHORT = (*at_rate(5), *(word for one in (*STEP, "controls={}") for word in ("--set", one)))
+STEP_ALONE = tuple(word for one in (*STEP, "controls={}") for word in ("--set", one))
+SHORT = (*at_rate(5), *STEP_ALONE)
 """Up, a step ahead, and down, far from the gate: close by, pictures that a loaded machine mixes a
 tenth of a second late show it far from its place, which rightly makes the run INVALID."""
 STAYING = (
