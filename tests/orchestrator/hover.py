@@ -8,7 +8,7 @@ campaign: hover
 vehicles: {twin: {link: embedded, autopilot: px4}}
 world: world.yaml
 autonomy: still.py:Still
-goal: {altitude_m: 0.5}
+goal: {altitude_m: 1.2}
 modes: [sim]
 repetitions: 2
 oracles: {landed: {}}

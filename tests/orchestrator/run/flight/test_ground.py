@@ -29,7 +29,7 @@ def flown(folder: Path, legs: str, *sets: str) -> RunResult:
     path = write_hover(folder)
     (folder / "still.py").write_text(LEGS.replace("class Legs", "class Still"))
     autonomy = f"autonomy={{use: still.py:Still, with: {{legs: {legs}}}}}"
-    plan = load_campaign(path, Options(sets=("goal.altitude_m=1.2", autonomy, *sets))).runs[0]
+    plan = load_campaign(path, Options(sets=(autonomy, *sets))).runs[0]
     order = RunOrder(plan=plan, folder=folder / "run", clock="virtual")
     order.folder.mkdir()
     with vehicles_on():
