@@ -9,6 +9,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from wil_campaign.vehicles.embedded.autopilot.copter.copter import ArduCopter
+from wil_campaign.vehicles.embedded.autopilot.copter.simulated_wind import simulated_wind
 from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import COMPONENT, EmulatedAutopilot
 from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from wil_campaign.vehicles.embedded.autopilot.px4.px4 import Px4
@@ -316,6 +317,8 @@ def build_autopilot(config: EmbeddedConfig, body: Body) -> EmulatedAutopilot:
             charge=charge,
             overrides=config.parameters,
         )
+        parameters = autopilot.parameters
+        body.blown_by(lambda: simulated_wind(parameters, lambda: -body.truth.position_ned_m[2]))
     autopilot.state.simulator = lambda: body.truth
     autopilot.state.clock_offset_s = config.profile.clock.boot_offset_s
     if config.boot_unix_us is not None:
