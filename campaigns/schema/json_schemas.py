@@ -74,7 +74,7 @@ def campaign_schema() -> Schema:
     return {
         "$schema": DIALECT,
         "title": "wil-campaign: campaign file",
-        "description": _summary_of(campaign),
+        "description": summary_of(campaign),
         "type": "object",
         "if": {"required": ["campaigns"]},
         "then": refs[CompositionPart],
@@ -185,7 +185,7 @@ class _Documented(GenerateJsonSchema):
                 text = one.get("description") or found.get(key) or found.get(name)
                 if described := _with_unit(text or _part_summary(field.annotation), key):
                     one["description"] = described
-        made["description"] = _summary_of(model)
+        made["description"] = summary_of(model)
         made["title"] = re.sub(r"(Part|Model|Parameters)$", "", model.__name__)
         if key := getattr(model, "shorthand", ""):
             return {"title": made["title"], "anyOf": [made["properties"][key], made]}
@@ -195,14 +195,14 @@ class _Documented(GenerateJsonSchema):
 def _part_summary(annotation: object) -> str:
     """Return the summary of the one model that a key's value is; "" for other values."""
     parts = [one for one in (annotation, *get_args(annotation)) if _is_model(one)]
-    return _summary_of(parts[0]) if len(parts) == 1 else ""
+    return summary_of(parts[0]) if len(parts) == 1 else ""
 
 
 def _is_model(annotation: object) -> TypeGuard[type[BaseModel]]:
     return isinstance(annotation, type) and issubclass(annotation, BaseModel)
 
 
-def _summary_of(model: type[BaseModel]) -> str:
+def summary_of(model: type[BaseModel]) -> str:
     """Return the first sentences of a model's docstring, before the descriptions of its keys."""
     text = " ".join(inspect.cleandoc(model.__doc__ or "").split())
     first = next(_key_places(model, text), None)

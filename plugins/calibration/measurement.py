@@ -14,12 +14,12 @@ from wil_campaign.campaigns.schema.calibration import (
     SpreadPart,
     read_calibration,
 )
-from wil_campaign.campaigns.schema.sensors import MountPart
 from wil_campaign.plugins.calibration.board_search import BoardViews
 from wil_campaign.plugins.calibration.boards import Board, CalibrationError
 from wil_campaign.plugins.calibration.mounting import BodyPath, MountingFit, fit_mounting
 from wil_campaign.plugins.calibration.optics import OpticsFit, fit_optics
 from wil_campaign.plugins.offline.errors import OfflineError
+from wil_campaign.vehicles.sensors.sensor_spec import MountPart
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.files.documents import load
 from wil_campaign.worlds.files.paths import is_file

@@ -8,14 +8,18 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from wil_campaign.orchestrator.cli.markdown import markdown_table, markdown_text
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import table
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
+from wil_campaign.plugins.statistics.comparison.baseline import FlownSet
+from wil_campaign.plugins.statistics.comparison.comparison import Comparison
 from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
 from wil_campaign.plugins.statistics.comparison.folder_comparison import FolderComparison
 from wil_campaign.plugins.statistics.comparison.folder_comparison import compare as compare_folders
 from wil_campaign.worlds.files.problems import printable
 
+_HEAD = ("case", "mode", "what", "before", "after", "flights", "p", "")
 _Share = Annotated[float, Parameter(validator=Number(gt=0.0, lt=1.0))]
 
 
@@ -30,6 +34,7 @@ def compare(
     removed: Annotated[bool, Parameter(negative=())] = False,
     changed: Annotated[bool, Parameter(negative=())] = False,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    markdown: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
     """Compare two campaigns: exit code 1 when a case became worse beyond chance and size.
 
@@ -64,7 +69,12 @@ def compare(
         parameters in the vehicle never count.
     json_
         Print one JSON document.
+    markdown
+        Print Markdown, as a comment in a pull request.
     """
+    if json_ and markdown:
+        err("--json and --markdown are two forms of one output: give one of them")
+        return 2
     try:
         compared = compare_folders(
             before,
@@ -77,7 +87,10 @@ def compare(
     except (ResultsFolderError, ComparisonError) as error:
         err(printable(str(error)))
         return 2
-    out(_as_json(compared) if json_ else _as_text(compared, after=after))
+    if json_:
+        out(_as_json(compared))
+    else:
+        out((_as_markdown if markdown else _as_text)(compared, after=after))
     if compared.is_less and not removed:
         err(
             "AFTER lacks cases, oracles, controls or settings of BEFORE; give --removed if that is "
@@ -92,9 +105,29 @@ def compare(
 
 def _as_text(compared: FolderComparison, *, after: Path) -> str:
     """Return the comparison as a table and sentences."""
-    found, settings = compared.found, compared.settings
-    head = ("case", "mode", "what", "before", "after", "flights", "p", "")
-    rows = [
+    head = f"{after.name} against {_names(compared.baseline)}"
+    below = "\n".join(map(printable, _sentences(compared)))
+    return f"{printable(head)}\n\n{table(_HEAD, _rows(compared.found))}\n\n{below}"
+
+
+def _as_markdown(compared: FolderComparison, *, after: Path) -> str:
+    """Return the comparison as Markdown: the conclusion, the table, the rest as a list."""
+    *lines, last = _sentences(compared)
+    against = f"{after.name} against {_names(compared.baseline)}"
+    parts = [f"### {markdown_text(last)}", markdown_text(against)]
+    parts += [markdown_table(_HEAD, _rows(compared.found))]
+    parts += ["\n".join(f"- {markdown_text(line)}" for line in lines)] if lines else []
+    return "\n\n".join(parts)
+
+
+def _names(baseline: FlownSet) -> str:
+    """Return the names of the folders of the baseline."""
+    return ", ".join(path.name for path in baseline.folders)
+
+
+def _rows(found: Comparison) -> list[tuple[str, ...]]:
+    """Return the cells of the table of changes."""
+    return [
         (
             one.case,
             one.mode,
@@ -107,9 +140,12 @@ def _as_text(compared: FolderComparison, *, after: Path) -> str:
         )
         for one in found.changes
     ]
-    names = ", ".join(path.name for path in compared.baseline.folders)
-    lines = [f"{after.name} against {names}", "", table(head, rows), ""]
-    lines += [f"same seed, other verdict: {text}" for text in found.flips]
+
+
+def _sentences(compared: FolderComparison) -> list[str]:
+    """Return what is to say beside the table; the last one is the conclusion."""
+    found, settings = compared.found, compared.settings
+    lines = [f"same seed, other verdict: {text}" for text in found.flips]
     lines += [f"proves nothing in one of them: {cell}" for cell in found.unproven]
     lines += [f"more flights that prove nothing: {text}" for text in found.fewer_proven]
     lines += [f"not flown any more: {cell}" for cell in found.only_before]
@@ -124,7 +160,7 @@ def _as_text(compared: FolderComparison, *, after: Path) -> str:
     last = f"worse: {', '.join(worse)}" if worse else "nothing became worse beyond chance and size"
     if undecided:
         last += f"; {undecided} lost more than the limit, which may be chance: fly more"
-    return "\n".join(printable(line) if "\n" not in line else line for line in [*lines, last])
+    return [*lines, last]
 
 
 def _figure_text(value: float, unit: str, *, is_beyond: bool) -> str:

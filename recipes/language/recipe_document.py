@@ -17,12 +17,13 @@ from wil_campaign.recipes.model.registry import (
 )
 from wil_campaign.recipes.operations.step_parameters import IMAGE_SENSORS
 from wil_campaign.recipes.working import SIDES, Side
-from wil_campaign.vehicles.readings import SensorType
+from wil_campaign.vehicles.readings.kinds import one_of_names
 from wil_campaign.worlds.files.documents import (
     BadInput,
     Data,
     Document,
     KeyFaultError,
+    Later,
     Part,
     Path,
     Problem,
@@ -32,6 +33,9 @@ from wil_campaign.worlds.files.documents import (
 
 MAX_SKEW_MS = 100.0
 """Default limit of the skew, so that an overlay is never held for ever."""
+
+
+SensorType = Annotated[str, Later(one_of_names)]
 
 
 class SensorPart(Part):

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from wil_campaign.worlds.files.model_keys import Path
+from wil_campaign.worlds.files.model_keys import Later, Path
 from wil_campaign.worlds.files.paths import require_utf8
 from wil_campaign.worlds.files.problems import BadInput, Problem, closest, closest_file
 from wil_campaign.worlds.files.validation import KeyFaultError, Part, describe, faults_of
@@ -39,6 +39,7 @@ __all__ = [
     "Document",
     "Entry",
     "KeyFaultError",
+    "Later",
     "Part",
     "Path",
     "Problem",

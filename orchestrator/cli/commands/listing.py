@@ -1,4 +1,4 @@
-"""`wil-campaign list`: lists campaigns, recipe steps, autonomies, oracles, signals, plugins."""
+"""`wil-campaign list`: lists campaigns, what they can name, and plugins."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -10,6 +10,8 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from wil_campaign import campaigns
+from wil_campaign.campaigns.schema.json_schemas import summary_of
+from wil_campaign.campaigns.schema.sensors import sensor_parts
 from wil_campaign.campaigns.setup.autonomy_under_test import shipped_autonomies
 from wil_campaign.installed_plugins import installed
 from wil_campaign.orchestrator.cli.standard_streams import out
@@ -22,9 +24,10 @@ from wil_campaign.safety.oracles.oracle_docs import (
     describe_oracles,
 )
 from wil_campaign.safety.oracles.registry import oracle_kinds
+from wil_campaign.vehicles.readings import sensor_names
 from wil_campaign.worlds.files.documents import BadInput, load
 
-What = Literal["campaigns", "operators", "autonomies", "oracles", "signals", "plugins"]
+What = Literal["campaigns", "operators", "autonomies", "oracles", "signals", "sensors", "plugins"]
 Row = dict[str, Any]
 
 _WIDTH = 100
@@ -33,14 +36,15 @@ _WIDTH = 100
 def list_available(
     what: What, *, json_: Annotated[bool, Parameter(name="--json", negative=())] = False
 ) -> int:
-    """List what campaigns can name: operators, autonomies, oracles, signals; campaigns; plugins.
+    """List what campaigns can name: operators, autonomies, oracles, sensors; campaigns; plugins.
 
     Parameters
     ----------
     what
         campaigns: those in ./campaigns and those of the program; operators: steps of
         recipes; autonomies: what `autonomy.use` may name; oracles: what `oracles` may name;
-        signals: what formulas of oracles (stl) may name; plugins: what extends the program, of
+        signals: what formulas of oracles (stl) may name; sensors: their types, and the keys of
+        each; plugins: what extends the program, of
         which distribution, and what each adds.
     json_
         Print one JSON document.
@@ -95,6 +99,18 @@ def _signals() -> list[Row]:
         {"name": name, "unit": unit or "true or false", "meaning": meaning}
         for kind in oracle_kinds().values()
         for name, (unit, meaning) in kind.signals().items()
+    ]
+
+
+def _sensors() -> list[Row]:
+    """Return the listing of the types of sensors."""
+    return [
+        {
+            "name": name,
+            "keys": ", ".join(key for key in part.model_fields if key != "type"),
+            "summary": summary_of(part),
+        }
+        for name, part in zip(sensor_names(), sensor_parts(), strict=True)
     ]
 
 
@@ -178,5 +194,6 @@ _LISTS: dict[What, Callable[[], list[Row]]] = {
     "autonomies": _autonomies,
     "oracles": _oracle_rows,
     "signals": _signals,
+    "sensors": _sensors,
     "plugins": _plugins,
 }

@@ -15,7 +15,6 @@ from wil_campaign.orchestrator.recording.mcap.mcap_json import (
     vector,
 )
 from wil_campaign.vehicles.readings import (
-    SENSOR_TYPES,
     CameraReading,
     DepthReading,
     GpsReading,
@@ -27,6 +26,7 @@ from wil_campaign.vehicles.readings import (
     RangefinderReading,
     Reading,
     Source,
+    reading_types,
 )
 from wil_campaign.vehicles.readings.numbers import number_fields
 from wil_campaign.worlds.camera import Intrinsics
@@ -215,11 +215,10 @@ def _microphone(document: Json, _: Parts) -> MicrophoneReading:
 
 def _numbers(document: Json, _: Parts) -> Reading:
     wil = document["wil"]
-    kind: Any = SENSOR_TYPES[wil["type"]]
-    numbers = number_fields(kind).items()
-    reading: Reading = kind(
-        *_times(wil), **{name: of(number(document[name])) for name, of in numbers}
-    )
+    kind: Any = reading_types()[wil["type"]]
+    stamps = dict(zip(("t_s", "arrived_s", "seq", "source"), _times(wil), strict=True))
+    numbers = {name: of(number(document[name])) for name, of in number_fields(kind).items()}
+    reading: Reading = kind(**stamps, **numbers)
     return reading
 
 

@@ -80,8 +80,7 @@ def sensor_transform(sensor: SensorSetup, body: Pose) -> Transform:
     if isinstance(sensor, CameraSetup | DepthSetup):
         position, turned = camera_in_body(sensor.mount, body)
         return Transform(BODY_FRAME, optical_frame(name), position, turned)
-    mount = getattr(sensor, "mount", AT_ORIGIN)
-    position, turned = sensor_in_body(mount if isinstance(mount, Pose) else AT_ORIGIN)
+    position, turned = sensor_in_body(sensor.mount)
     return Transform(BODY_FRAME, name, position, turned)
 
 

@@ -1,6 +1,5 @@
 """Before arming each autopilot is asked whether it will act on what it is told."""
 
-import math
 import typing
 from typing import cast
 
@@ -8,7 +7,7 @@ import pytest
 
 from tests.orchestrator.external.rigs import FakeDriver, FakeParameters, FakeStation
 from wil_campaign.campaigns.setup.case_setup import VehicleSetup
-from wil_campaign.campaigns.values.sensor_setups import RangefinderSetup
+from wil_campaign.campaigns.values.sensor_setups import OtherSetup
 from wil_campaign.orchestrator.model.clock import run_virtual
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.plugins.injection.injection_check import (
@@ -19,16 +18,19 @@ from wil_campaign.plugins.injection.injection_check import (
 )
 from wil_campaign.plugins.injection.injection_setups import Injected, InjectionSetup
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.sensors.lidar import RangefinderOptions
+from wil_campaign.vehicles.sensors.sensor_spec import MountPart
 from wil_campaign.vehicles.setpoints import Setpoints
-from wil_campaign.worlds.frames import AT_ORIGIN, Pose
+from wil_campaign.worlds.frames import AT_ORIGIN
 
-DOWN = Pose.of(0.0, 0.0, 0.0, pitch_rad=-math.pi / 2)
+DOWN = MountPart(pitch_deg=-90.0)
 OBSTACLES = InjectionSetup(thing="obstacle_distance", to=("real", "twin"), sensor="lidar")
 READY = {"PRX1_TYPE": 2.0, "AVOID_ENABLE": 3.0}
 
 
-def vehicle(autopilot: AutopilotName = "ardupilot", mount: Pose = DOWN) -> VehicleSetup:
-    below = RangefinderSetup(name="below", rate_hz=20.0, half_angle_rad=0.0, mount=mount)
+def vehicle(autopilot: AutopilotName = "ardupilot", mount: MountPart = DOWN) -> VehicleSetup:
+    options = RangefinderOptions(rate_hz=20.0, mount=mount)
+    below = OtherSetup(kind="rangefinder", name="below", options=options)
     return VehicleSetup(
         name="real",
         link="embedded",
@@ -78,10 +80,10 @@ def test_a_vehicle_without_injection_is_asked_nothing() -> None:
 
 
 def test_a_rangefinder_is_height_or_proximity_by_where_it_looks() -> None:
-    assert message_name("distance_sensor", DOWN) == "distance_sensor"
+    assert message_name("distance_sensor", DOWN.pose()) == "distance_sensor"
     assert message_name("distance_sensor", AT_ORIGIN) == "distance_sensor_sideways"
     sideways = InjectionSetup(thing="distance_sensor", to=("real",), sensor="below")
-    assert proven(READY, sideways, vehicle(mount=AT_ORIGIN)).asked[0] == "PRX1_TYPE"
+    assert proven(READY, sideways, vehicle(mount=MountPart())).asked[0] == "PRX1_TYPE"
     with pytest.raises(UnsupportedInjectionError, match="RNGFND1_TYPE"):
         proven(READY, sideways)
 

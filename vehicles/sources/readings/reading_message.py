@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from wil_campaign.vehicles.readings import (
-    SENSOR_TYPES,
     GpsReading,
     ImuReading,
     LidarPointsReading,
@@ -23,6 +22,7 @@ from wil_campaign.vehicles.readings import (
     RangefinderReading,
     Reading,
     Source,
+    reading_types,
 )
 from wil_campaign.vehicles.readings.numbers import number_fields
 from wil_campaign.vehicles.sources.messagepack import BadMessageError, Header
@@ -90,7 +90,7 @@ def read_reading(header: Header, kind: str, when: Sampled) -> Reading:
 
 def _numbers(header: Header, kind: str, when: Sampled) -> Any:
     """Return a reading that is numbers alone: its fields are the message's keys."""
-    reading_type: Any = SENSOR_TYPES[kind]
+    reading_type: Any = reading_types()[kind]
     numbers = {
         name: header.number(name) if of is float else header.whole(name, low=_LEAST_WHOLE)
         for name, of in number_fields(reading_type).items()

@@ -12,13 +12,14 @@ from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
-    RangefinderSetup,
+    OtherSetup,
     SensorSetup,
 )
 from wil_campaign.orchestrator.run.perception import warm_up
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.vehicles.embedded.control.law import load_kernels
 from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate
+from wil_campaign.vehicles.sensors.lidar import RangefinderOptions
 from wil_campaign.worlds import jit
 from wil_campaign.worlds.camera import CameraMount
 from wil_campaign.worlds.clearance.surfaces import surface_distance, swept_beyond
@@ -73,7 +74,7 @@ def setup_of_gate(folder: Path) -> RunSetup:
     [
         (CameraSetup(name="camera", rate_hz=15, intrinsics=CAMERA, mount=CameraMount()), True),
         (DepthSetup(name="depth", rate_hz=15, intrinsics=CAMERA, mount=CameraMount()), True),
-        (RangefinderSetup(name="range", rate_hz=10, half_angle_rad=0.0, mount=AT_ORIGIN), False),
+        (OtherSetup(kind="rangefinder", name="range", options=RangefinderOptions()), False),
     ],
     ids=["camera", "depth", "range"],
 )

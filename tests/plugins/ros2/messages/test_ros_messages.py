@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from wil_campaign.campaigns.values.sensor_setups import CameraSetup, GpsSetup
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, OtherSetup
 from wil_campaign.plugins.ros2.messages.reading_messages import reading_messages, sensor_transforms
 from wil_campaign.plugins.ros2.messages.ros_messages import (
     CAMERA_INFO,
@@ -42,6 +42,7 @@ from wil_campaign.vehicles.readings import (
     Reading,
     sensor_type_of,
 )
+from wil_campaign.vehicles.sensors.gps import GpsOptions
 from wil_campaign.worlds.camera import CameraMount, Intrinsics
 from wil_campaign.worlds.frames import Pose, quat_from_euler
 
@@ -202,7 +203,9 @@ def test_frames_of_sensors_have_names_that_topics_can_have() -> None:
     gimbal = CameraSetup(
         name="down", rate_hz=10, intrinsics=LENS, mount=CameraMount(stabilized=True)
     )
-    found = sensor_transforms((camera, gimbal, GpsSetup(name="gps", rate_hz=5)))
+    found = sensor_transforms(
+        (camera, gimbal, OtherSetup(kind="gps", name="gps", options=GpsOptions()))
+    )
     assert [one.child for one in found] == ["front_left_optical", "gps"]
 
 

@@ -26,7 +26,7 @@ from wil_campaign.recipes.model.registry import find
 from wil_campaign.recipes.operations.step_parameters import RotationPart
 from wil_campaign.recipes.operations.unit_factors import METRES
 from wil_campaign.recipes.working import CannotMixError, Masked
-from wil_campaign.vehicles.readings import SENSOR_TYPES
+from wil_campaign.vehicles.readings import sensor_names
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import (
     Pose,
@@ -91,7 +91,7 @@ class CountReading:
 def test_units_take_every_sensor_type_and_convert_what_they_know_of() -> None:
     kind = find("units", "transform")
     assert kind is not None
-    assert kind.sensors == tuple(SENSOR_TYPES)
+    assert kind.sensors == sensor_names()
     unknown: Any = CountReading(3)
     assert apply("units", unknown).reading == unknown
     with pytest.raises(TypeError, match="units of a CountReading"):

@@ -12,15 +12,15 @@ import pytest
 
 from tests.vehicles.readings.thermometer import ThermometerReading
 from tests.vehicles.sources.readings.publisher import ALL, Publisher, message, publishing
-from wil_campaign.campaigns.schema.sensors import SensorPart
+from wil_campaign.campaigns.schema.sensors import sensor_parts
 from wil_campaign.campaigns.schema.sources import SourcedPart
 from wil_campaign.vehicles.readings import (
-    SENSOR_TYPES,
     LidarPointsReading,
     LidarScanReading,
     MicrophoneReading,
     RangefinderReading,
     Reading,
+    reading_types,
 )
 from wil_campaign.vehicles.readings.checks import fault_of
 from wil_campaign.vehicles.sources.camera_source import SourceError, SourceStalledError
@@ -39,7 +39,7 @@ from wil_campaign.worlds.frames import AT_ORIGIN
 WHEN = Sampled(10.0, 10.01, "real", AT_ORIGIN)
 SOURCED = sorted(
     get_args(part.model_fields["type"].annotation)[0]
-    for part in get_args(get_args(SensorPart)[0])
+    for part in sensor_parts()
     if issubclass(part, SourcedPart)
 )
 """The types that a campaign may take from a program."""
@@ -55,14 +55,14 @@ def test_each_type_that_a_program_may_send_is_read_as_it_was_sent(kind: str) -> 
     assert kind in ALL, "ALL of publisher.py has a message of each type"
     for data in (msgpack.packb(message(kind)), json.dumps(message(kind)).encode()):
         found = read(data)
-        assert type(found) is SENSOR_TYPES[kind]
+        assert type(found) is reading_types()[kind]
         assert fault_of(found) is None
         assert (found.t_s, found.arrived_s, found.source) == (10.0, 10.01, "real")
 
 
 def test_a_reading_of_numbers_alone_needs_no_reader(monkeypatch: pytest.MonkeyPatch) -> None:
-    types = {**SENSOR_TYPES, "thermometer": ThermometerReading}
-    monkeypatch.setattr(reading_message, "SENSOR_TYPES", types)
+    types = {**reading_types(), "thermometer": ThermometerReading}
+    monkeypatch.setattr(reading_message, "reading_types", lambda: types)
     monkeypatch.setitem(ALL, "thermometer", {"temperature_deg_c": -4, "samples": -3})
     for data in (msgpack.packb(message("thermometer")), json.dumps(message("thermometer"))):
         found: Any = read(data if isinstance(data, bytes) else data.encode())
