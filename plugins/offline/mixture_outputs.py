@@ -178,7 +178,6 @@ class RecordingOut(_Stacked):
 
 
 def _why_incomplete(report: RecordingReport) -> str:
-    """Return what an MCAP output lacks, and why."""
     if report.fault is not None:
         return report.fault
     lost = ", ".join(f"{one.lost} of {one.offered} of {one.topic}" for one in report.losses)

@@ -113,7 +113,6 @@ class _TimedDirection:
         return ImpairmentCounts() if self._direction is None else self._direction.counts
 
     def open(self) -> None:
-        """Open the impaired direction."""
         now_s = asyncio.get_running_loop().time()
         self._direction = ImpairedDirection(
             impairment=self._impairment, rng=self._rng, opened_s=now_s
@@ -128,7 +127,6 @@ class _TimedDirection:
             self._timer = None
 
     def start_outage(self, duration_s: float) -> None:
-        """Start an outage of the impaired direction."""
         if self._direction is not None:
             self._direction.start_outage(asyncio.get_running_loop().time(), duration_s)
 

@@ -238,7 +238,6 @@ def _moves(one: SceneObject, begin_s: float, end_s: float, events: Mapping[str, 
 
 
 def _combination_result(mixing: MixingLoop) -> CombinationResult:
-    """Return the run's result of one combination."""
     statistics, counts = mixing.statistics, mixing.mixer.counts()
     error = statistics.registration_error_px.percentiles()
     bound = statistics.registration_bound_px.percentiles()

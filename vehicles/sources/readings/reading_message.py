@@ -184,7 +184,6 @@ def _microphone(header: Header, when: Sampled) -> MicrophoneReading:
 
 
 def _vector(header: Header, key: str) -> Vec3:
-    """Return three numbers of a message as a vector."""
     x, y, z = header.numbers(key, 3)
     return (x, y, z)
 

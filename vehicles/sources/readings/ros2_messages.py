@@ -164,7 +164,6 @@ def _gps(message: Any, when: Sampled) -> GpsReading:
 
 
 def _add_velocity(fix: GpsReading, before: GpsReading) -> GpsReading:
-    """Return a fix with the velocity that the one before it implies."""
     took_s = fix.t_s - before.t_s
     if took_s <= 0.0:
         return fix
