@@ -303,3 +303,15 @@ def test_the_glossary_is_sorted_and_the_index_has_every_page() -> None:
     index = (DOCS / "index.md").read_text("utf-8")
     pages = {path.name for path in DOCS.glob("*.md")} - {"index.md"}
     assert {name for name in pages if f"({name})" not in index} == set()
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda page: page.name)
+def test_a_list_or_table_begins_after_a_blank_line(page: Path) -> None:
+    """MkDocs takes it for a part of the paragraph or code block before it otherwise."""
+    text = re.sub(r"(?ms)^```.*?^```$", "```", page.read_text("utf-8"))
+    blocks = re.split(r"\n(?:#.*)?\n|\n(?=#)", text)
+    begins = re.compile(r"- |\d+\. |\|")
+    for block in blocks:
+        first, *rest = block.strip("\n").splitlines() or [""]
+        if not first.startswith((" ", "#")) and not begins.match(first):
+            assert [line for line in rest if begins.match(line)] == [], block

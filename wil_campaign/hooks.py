@@ -169,6 +169,34 @@ class RunOption:
 
 
 @dataclass(frozen=True, slots=True)
+class Announcer:
+    """What tells others, as the page of a CI job, how a command ended.
+
+    name: one word. problems: a function of the problems for which files were refused, and of the
+    warnings about them. verdicts: a function of a campaign that was flown or judged again, of its
+    Summary, of the folder of its results, and of the keyword `arm` (False for --no-arm). Both are
+    called at the end, also where there is nobody to tell.
+    """
+
+    name: str
+    problems: str
+    verdicts: str
+
+
+@dataclass(frozen=True, slots=True)
+class ProblemFormat:
+    """A format of the faults of files, which `validate` writes by an option, also without any.
+
+    name: the option, which takes a file. text: a function of the problems and of the warnings,
+    which returns the file's text. help: of the option.
+    """
+
+    name: str
+    text: str
+    help: str
+
+
+@dataclass(frozen=True, slots=True)
 class AutonomyKind:
     """A kind of autonomy that is no class of Python; it has a runner, or is called as a class is.
 
@@ -381,6 +409,16 @@ def run_observers() -> Sequence[RunObserver]:  # type: ignore[empty-body]
 @_hook
 def oracles() -> Sequence[OracleKind]:  # type: ignore[empty-body]
     """Return kinds of oracles."""
+
+
+@_hook
+def announcers() -> Sequence[Announcer]:  # type: ignore[empty-body]
+    """Return what tells others how a command ended."""
+
+
+@_hook
+def problem_formats() -> Sequence[ProblemFormat]:  # type: ignore[empty-body]
+    """Return formats of the faults that `validate` finds."""
 
 
 @_hook

@@ -20,6 +20,7 @@ from wil_campaign import core_plugin, hooks
 
 SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "calibration": {"commands": ("calibrate",)},
+    "ci": {"announcers": ("ci",), "problem_formats": ("sarif", "codequality")},
     "cluster": {"commands": ("bench", "bench check", "bench serve"), "engines": ("ray",)},
     "console": {"commands": ("console",), "live_views": ("console",)},
     "foxglove": {"live_views": ("foxglove",)},

@@ -24,7 +24,7 @@ def commands() -> tuple[Command, ...]:
     return (
         Command(
             "export",
-            "wil_campaign.plugins.ros2.export_command:export",
+            "wil_campaign.plugins.ros2.bags.export_command:export",
             "Write a recorded run as a bag of ROS 2.",
         ),
     )

@@ -3,13 +3,13 @@
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from wil_campaign.orchestrator.cli.markdown import markdown_table, markdown_text
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import table
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
@@ -28,6 +28,7 @@ from wil_campaign.plugins.statistics.comparison.settings import (
 )
 from wil_campaign.worlds.files.problems import printable
 
+_HEAD = ("case", "mode", "what", "before", "after", "flights", "p", "")
 _Share = Annotated[float, Parameter(validator=Number(gt=0.0, lt=1.0))]
 
 
@@ -42,6 +43,7 @@ def compare(
     removed: Annotated[bool, Parameter(negative=())] = False,
     changed: Annotated[bool, Parameter(negative=())] = False,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    markdown: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
     """Compare two campaigns: exit code 1 when a case became worse beyond chance and size.
 
@@ -76,7 +78,12 @@ def compare(
         parameters in the vehicle never count.
     json_
         Print one JSON document.
+    markdown
+        Print Markdown, as a comment in a pull request.
     """
+    if json_ and markdown:
+        err("--json and --markdown are two forms of one output: give one of them")
+        return 2
     try:
         judged = read_flown(after)
         baseline = read_baseline(before, last=last, before=after)
@@ -89,8 +96,11 @@ def compare(
         return 2
     problems = [*baseline.problems, *judged.problems]
     is_less = found.is_less or bool(gone or settings.removed)
-    as_text = _as_json if json_ else partial(_as_text, after=after)
-    out(as_text(found, baseline, gone=gone, settings=settings))
+    if json_:
+        out(_as_json(found, baseline, gone=gone, settings=settings))
+    else:
+        as_text = _as_markdown if markdown else _as_text
+        out(as_text(found, baseline, gone=gone, settings=settings, after=after))
     if is_less and not removed:
         err(
             "AFTER lacks cases, oracles, controls or settings of BEFORE; give --removed if that is "
@@ -123,8 +133,37 @@ def _as_text(
     after: Path,
 ) -> str:
     """Return the comparison as a table and sentences."""
-    head = ("case", "mode", "what", "before", "after", "flights", "p", "")
-    rows = [
+    head = f"{after.name} against {_names(baseline)}"
+    *lines, last = _sentences(found, gone, settings)
+    below = "\n".join(printable(line) for line in [*lines, last])
+    return f"{printable(head)}\n\n{table(_HEAD, _rows(found))}\n\n{below}"
+
+
+def _as_markdown(
+    found: Comparison,
+    baseline: FlownSet,
+    *,
+    gone: Sequence[str],
+    settings: SettingsChanges,
+    after: Path,
+) -> str:
+    """Return the comparison as Markdown: the conclusion, the table, the rest as a list."""
+    *lines, last = _sentences(found, gone, settings)
+    against = f"{after.name} against {_names(baseline)}"
+    parts = [f"### {markdown_text(last)}", markdown_text(against)]
+    parts += [markdown_table(_HEAD, _rows(found))]
+    parts += ["\n".join(f"- {markdown_text(line)}" for line in lines)] if lines else []
+    return "\n\n".join(parts)
+
+
+def _names(baseline: FlownSet) -> str:
+    """Return the names of the folders of the baseline."""
+    return ", ".join(path.name for path in baseline.folders)
+
+
+def _rows(found: Comparison) -> list[tuple[str, ...]]:
+    """Return the cells of the table of changes."""
+    return [
         (
             one.case,
             one.mode,
@@ -137,9 +176,11 @@ def _as_text(
         )
         for one in found.changes
     ]
-    names = ", ".join(path.name for path in baseline.folders)
-    lines = [f"{after.name} against {names}", "", table(head, rows), ""]
-    lines += [f"same seed, other verdict: {text}" for text in found.flips]
+
+
+def _sentences(found: Comparison, gone: Sequence[str], settings: SettingsChanges) -> list[str]:
+    """Return what is to say beside the table; the last one is the conclusion."""
+    lines = [f"same seed, other verdict: {text}" for text in found.flips]
     lines += [f"proves nothing in one of them: {cell}" for cell in found.unproven]
     lines += [f"more flights that prove nothing: {text}" for text in found.fewer_proven]
     lines += [f"not flown any more: {cell}" for cell in found.only_before]
@@ -154,7 +195,7 @@ def _as_text(
     last = f"worse: {', '.join(worse)}" if worse else "nothing became worse beyond chance and size"
     if undecided:
         last += f"; {undecided} lost more than the limit, which may be chance: fly more"
-    return "\n".join(printable(line) if "\n" not in line else line for line in [*lines, last])
+    return [*lines, last]
 
 
 def _figure_text(value: float, unit: str, *, is_beyond: bool) -> str:

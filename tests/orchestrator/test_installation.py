@@ -59,7 +59,7 @@ def test_git_knows_the_commit_of_a_checkout_and_whether_it_is_changed(checkout: 
 
 
 @needs_git
-def test_under_a_hook_of_git_the_checkout_is_asked_and_not_the_repository_of_the_hook(
+def test_the_checkout_is_asked_under_a_git_hook_and_not_the_hooks_repository(
     checkout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     head = git(checkout, "rev-parse", "HEAD")

@@ -79,7 +79,7 @@ def test_a_wait_for_the_disk_ends_when_it_has_all(tmp_path: Path) -> None:
     file.close()
 
 
-def test_a_writer_that_had_to_wait_waits_for_no_further_line_until_the_disk_has_caught_up(
+def test_a_writer_waits_once_and_then_no_more_until_the_disk_has_caught_up(
     stalled: Stalled, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = BackgroundFile(stalled.path, append=True)

@@ -26,6 +26,7 @@ from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.vehicles.readings import kinds
 
 HOOKS = {
+    "announcers",
     "autonomy_kinds",
     "campaign_keys",
     "commands",
@@ -34,6 +35,7 @@ HOOKS = {
     "live_views",
     "operator_channels",
     "oracles",
+    "problem_formats",
     "recipe_formats",
     "recipe_steps",
     "report_sections",
@@ -286,6 +288,58 @@ def test_the_text_of_a_section_is_printed_after_the_verdicts(
     lines = capsys.readouterr().out.splitlines()
     (folder,) = (tmp_path / "out").glob("*/*")
     assert lines.index(f"7 m in {folder.name}") < lines.index(f"results: {folder}")
+
+
+ANNOUNCER = """
+from wil_campaign.hooks import Announcer, ProblemFormat, implements
+
+
+@implements
+def announcers():
+    return [Announcer("horn", "wil_sonar:faults", "wil_sonar:verdicts")]
+
+
+@implements
+def problem_formats():
+    return [ProblemFormat("count", "wil_sonar:count", "Write how many faults there are.")]
+
+
+def faults(problems, warnings):
+    print(f"{len(problems)} faults")
+
+
+def verdicts(campaign, summary, folder, *, arm):
+    print(f"{campaign.name} {summary.accepted} {arm} in {folder.name}")
+    raise OSError("hoarse")
+
+
+def count(problems, warnings):
+    return str(len(problems))
+"""
+
+
+def test_a_plugin_tells_how_commands_ended_and_may_fail(
+    install: Install,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    install(ANNOUNCER)
+    # Its options are those of the plugins that were there when it was imported.
+    commands = "wil_campaign.orchestrator.cli.commands"
+    monkeypatch.delitem(sys.modules, f"{commands}.validate", raising=False)
+    file = write_hover(tmp_path)
+    assert main(["run", str(file), "--out", str(tmp_path / "out")]) == 0
+    shown = capsys.readouterr()
+    (folder,) = (tmp_path / "out").glob("*/*")
+    assert f"hover True True in {folder.name}\n" in shown.out
+    assert "horn announces nothing: OSError: hoarse" in shown.err
+    file.write_text(file.read_text() + "one: 1\ntwo: 2\n")
+    assert main(["validate", str(file), "--count", str(tmp_path / "n")]) == 2
+    assert capsys.readouterr().out == "2 faults\n"
+    assert (tmp_path / "n").read_text() == "2"
+    assert main(["plan", str(file)]) == 2
+    assert capsys.readouterr().out == "2 faults\n"
 
 
 OBSERVER = """
@@ -722,6 +776,8 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     words += [["run", gate, *one, "--set", f"{name}={{}}"] for name in observers]
     oracles = [name for adds in SHIPPED.values() for name in adds.get("oracles", ())]
     words += [["run", gate, *one, "--set", f"oracles.own={{{name}: a}}"] for name in oracles]
+    files = [name for adds in SHIPPED.values() for name in adds.get("problem_formats", ())]
+    words += [["validate", gate, f"--{name}", str(tmp_path / name)] for name in files]
     done = subprocess.run(  # noqa: S603 - our own interpreter
         [sys.executable, "-P", "-c", ABSENT.format(words=words, out=str(tmp_path / "out"))],
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
@@ -733,7 +789,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     assert codes[:3] == [0, 5, 0], done.stdout + done.stderr  # 5: it flew nothing required
     assert re.search(r"small +sim +1/1 ", done.stdout)
     named = [*(name.split()[0] for name in commands), *views, *keys, *formats, *engines, *drivers]
-    named += [*checks, *channels, *options, *kinds, *observers, *oracles]
+    named += [*checks, *channels, *options, *kinds, *observers, *oracles, *files]
     assert codes[3:] == [2] * len(named)
     for name in named:
         assert f"'{name}' is of the plugin " in done.stderr

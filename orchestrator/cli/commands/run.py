@@ -17,6 +17,7 @@ from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputErro
 from wil_campaign.orchestrator.campaign.folder.repetitions import planned
 from wil_campaign.orchestrator.campaign.resuming.resumption import ResumeError
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
+from wil_campaign.orchestrator.cli.announcements import announce_verdicts
 from wil_campaign.orchestrator.cli.arming_consent import RefusedError
 from wil_campaign.orchestrator.cli.engine_flight import ready_flight
 from wil_campaign.orchestrator.cli.final_report import write_final_report
@@ -136,6 +137,7 @@ def _fly_selected(
         out(to_json(outcome.summary).rstrip())
     else:
         _print_verdicts(outcome, campaign, report, file)
+    announce_verdicts(campaign, outcome.summary, outcome.folder, arm=options.arm)
     return outcome.exit_code
 
 

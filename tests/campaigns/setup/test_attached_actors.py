@@ -34,7 +34,7 @@ def problems(*sets: str, mode: str = "real") -> str:
 
 
 @pytest.mark.parametrize("mode", ["sim", "wil"])
-def test_an_attached_actor_does_not_fly_where_its_object_is_virtual_unless_it_says_where(
+def test_an_attached_actor_with_a_virtual_object_flies_only_at_a_given_place(
     mode: str,
 ) -> None:
     said = problems(HERE, mode=mode)

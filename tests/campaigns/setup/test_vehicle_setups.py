@@ -47,7 +47,7 @@ def test_embedded_vehicles_have_ids_of_their_own(files: Any) -> None:
     assert all(one.embedded and one.attached is None for one in vehicles.values())
 
 
-def test_an_attached_vehicle(files: Any) -> None:
+def test_a_campaign_may_attach_a_vehicle(files: Any) -> None:
     outside(
         files,
         "serial:///dev/ttyACM0:921600",
@@ -71,7 +71,7 @@ def test_a_radio_too_slow_is_reported_where_its_link_is(files: Any) -> None:
     assert "a radio of 7.68 kbit/s carries" in found
 
 
-def test_a_launched_arducopter(files: Any) -> None:
+def test_a_campaign_may_launch_an_arducopter(files: Any) -> None:
     binary = program(files.folder, "bin/arducopter")
     (files.folder / "copter.parm").write_text("")
     outside(
@@ -84,7 +84,7 @@ def test_a_launched_arducopter(files: Any) -> None:
     )
 
 
-def test_a_launched_px4(files: Any) -> None:
+def test_a_campaign_may_launch_a_px4(files: Any) -> None:
     program(files.folder, "build/bin/px4")
     program(files.folder, "build/etc/init.d-posix/rcS")
     outside(files, "{launch: px4, build: build, model: gz_x500}", "params: {B: 2, A: 0.5}")
@@ -296,7 +296,7 @@ def test_the_embedded_vehicle_has_one_link(files: Any) -> None:
     assert "only a vehicle with its own link can have more" in fault
 
 
-def test_the_onboard_fence(files: Any) -> None:
+def test_the_onboard_fence_has_a_margin_or_is_switched_off(files: Any) -> None:
     preflight = next(iter(files.load().setups.values())).preflight
     assert preflight.fence is not None
     assert preflight.fence.margin_m == 1.0

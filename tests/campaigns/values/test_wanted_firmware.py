@@ -22,7 +22,9 @@ HASH = "83c4f4e580000000"
         ("83c4f4f", "1.18.0-beta", False),
     ],
 )
-def test_a_version_fits(wanted: str, version: str, is_met: bool) -> None:
+def test_a_version_fits_a_wanted_one_by_its_leading_parts(
+    wanted: str, version: str, is_met: bool
+) -> None:
     check_version(wanted)
     assert fits(wanted, version, HASH) is is_met
 

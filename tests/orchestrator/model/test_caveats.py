@@ -85,7 +85,7 @@ def test_a_fence_changed_in_flight_is_reported_with_the_verdict() -> None:
     assert properties(*runs) == {"fence_changed": "real and twin by cli:anna (large wil, 2 runs)"}
 
 
-def test_it_is_reported_where_a_campaign_is_not_accepted_too() -> None:
+def test_a_changed_fence_is_reported_where_a_campaign_is_not_accepted_too() -> None:
     last = caveat_lines(run(verdict="FAIL", fence_changes=(CHANGED,)))[-1]
     assert last == "not accepted; fence changed in flight by cli:anna"
 

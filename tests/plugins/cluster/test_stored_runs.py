@@ -134,7 +134,7 @@ def test_a_lost_node_is_waited_for_only_where_it_has_begun(
     assert contents(here) == FILES
 
 
-def test_a_run_that_was_given_up_does_not_begin_and_one_that_has_begun_is_not_given_up(
+def test_a_run_that_was_given_up_never_begins_and_a_begun_one_is_not_given_up(
     store: Store, tmp_path: Path
 ) -> None:
     here = tmp_path / "here"

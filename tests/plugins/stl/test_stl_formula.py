@@ -178,7 +178,7 @@ def test_a_misspelt_formula_gets_a_suggestion(text: str, meant: str) -> None:
         "armed implies not on_ground",
     ],
 )
-def test_units_that_fit(text: str) -> None:
+def test_a_formula_with_units_that_fit_is_accepted(text: str) -> None:
     checked(text)
 
 

@@ -149,7 +149,7 @@ def values(name: str, *samples: object) -> list[float]:
     return [value for value in found if not math.isnan(value)]
 
 
-def test_values_of_signals() -> None:
+def test_signals_have_the_values_of_the_pose() -> None:
     leaning = PoseSample(1.0, "real", Pose((1, 2, -3), (0.5**0.5, 0.5**0.5, 0, 0)), (3, 4, -12))
     expected = {
         "north_m": 1, "east_m": 2, "up_m": 3, "speed_m_s": 13, "ground_speed_m_s": 5,
@@ -163,7 +163,7 @@ def test_values_of_signals() -> None:
     assert 1.5 < gate_m < 3.0
 
 
-def test_values_of_what_the_vehicle_says() -> None:
+def test_signals_have_the_values_that_the_vehicle_reports() -> None:
     unknown = StateSample(1.0, "real", True, Mode.GUIDED)
     known = StateSample(2.0, "real", False, Mode.HOLD, "", True, "x", 0.25, 11.5, "no height")
     other = StateSample(3.0, "twin", True, Mode.GUIDED, "", False, None, 1.0, 12.0)

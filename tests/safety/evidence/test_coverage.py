@@ -165,7 +165,7 @@ def test_nothing_has_to_move_on_the_ground() -> None:
         assert flight.fly().verdict == "PASS"
 
 
-def test_a_vehicle_that_says_that_it_stands_is_not_believed_between_the_stages_in_the_air() -> None:
+def test_a_vehicle_that_reports_standing_is_not_believed_in_the_air() -> None:
     flight = Flight()
     flight.landed, flight.frozen = True, (4.0, 5.0)
     assert flight.fly().verdict == "INVALID"

@@ -77,7 +77,7 @@ def test_gates_count_in_order_only() -> None:
         ("away", "ring", True),
     ],
 )
-def test_direction(direction: str, name: str, passes: bool) -> None:
+def test_a_gate_passes_in_its_own_direction_alone(direction: str, name: str, passes: bool) -> None:
     judge = reached((name,), direction=direction)
     stage(judge, goal=2.0)
     fly(judge, (2, 0, -1), (8, 0, -1))

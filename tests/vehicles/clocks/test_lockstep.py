@@ -145,7 +145,7 @@ def test_an_extension_leaves_the_line_as_it_is() -> None:
     assert lockstep.segment.run_s == pytest.approx(second.end_s)
 
 
-def test_a_client_that_hangs_is_found_by_the_wall_and_waited_for_no_more_until_it_reports() -> None:
+def test_a_client_that_hangs_is_found_by_the_wall_and_not_awaited_until_it_reports() -> None:
     lockstep = Lockstep(nominal=NOMINAL)
     for name in ("real", "orchestrator"):
         lockstep.join(name)

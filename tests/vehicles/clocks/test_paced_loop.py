@@ -58,7 +58,7 @@ def test_sockets_are_served_meanwhile() -> None:
         assert runner.run(received()) == b"word"
 
 
-def test_another_piece_of_the_clock_is_gone_on_by_and_time_never_goes_back() -> None:
+def test_a_loop_goes_on_by_the_next_piece_of_the_clock_and_never_back() -> None:
     async def flown() -> list[float]:
         loop = asyncio.get_running_loop()
         assert isinstance(loop, PacedLoop)

@@ -164,7 +164,7 @@ def test_the_loop_is_asyncios_without_epoll(monkeypatch: pytest.MonkeyPatch) -> 
     assert not isinstance(loop, QuickLoop)
 
 
-def test_where_asyncio_is_built_otherwise_the_loop_is_its_own(
+def test_the_loop_is_asyncios_where_asyncio_is_built_otherwise(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(

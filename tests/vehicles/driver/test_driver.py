@@ -218,7 +218,7 @@ def test_refused_arming(autopilot: AutopilotName) -> None:
 
 
 @BOTH
-def test_parameters(autopilot: AutopilotName) -> None:
+def test_parameters_are_set_read_and_refused(autopilot: AutopilotName) -> None:
     whole, real = {
         "px4": ("NAV_DLL_ACT", "COM_OF_LOSS_T"),
         "ardupilot": ("FS_GCS_ENABLE", "GUID_TIMEOUT"),

@@ -494,7 +494,7 @@ def test_a_takeoff_whose_ack_was_lost_succeeds(fake_pair: Callable[..., Any]) ->
     _run(fake_pair, script, prepare=prepare)
 
 
-def test_disarm_and_terminate(fake_pair: Callable[..., Any]) -> None:
+def test_disarm_and_terminate_send_their_commands(fake_pair: Callable[..., Any]) -> None:
     async def script(driver: Driver, peer: Any) -> None:
         await _armed(driver)
         assert driver.state.armed

@@ -92,7 +92,7 @@ def test_without_parameter_files_those_of_its_tree_are_taken(sims: Any, tmp_path
     ]  # fmt: skip
 
 
-def test_one_that_would_be_of_no_frame_is_not_started(sims: Any) -> None:
+def test_an_arducopter_without_a_frame_is_not_started(sims: Any) -> None:
     binary = sims.program(sims.ardupilot)
     (sims.folder / "Tools" / "autotest" / "default_params" / "copter.parm").unlink()
     with pytest.raises(LaunchError, match=r"FRAME_CLASS is 0 and it never arms; name that file"):
@@ -100,7 +100,7 @@ def test_one_that_would_be_of_no_frame_is_not_started(sims: Any) -> None:
     ArduPilotLaunch(binary=binary, params=(("FRAME_CLASS", 1.0),)).check()
 
 
-async def test_two_share_nothing(sims: Any) -> None:
+async def test_two_launched_vehicles_share_no_port(sims: Any) -> None:
     binary = sims.program(sims.ardupilot)
     async with (
         _vehicle(sims, binary) as real,
@@ -334,7 +334,7 @@ def test_instances_avoid_locks_and_busy_ports(sims: Any) -> None:
         assert again.number == one.number
 
 
-def test_all_instances_in_use(sims: Any) -> None:
+def test_a_launch_without_a_free_instance_is_an_error(sims: Any) -> None:
     launch = Px4Launch(image="x")
     with ExitStack() as held:
 

@@ -105,7 +105,7 @@ def test_every_shape_and_colour_form() -> None:
     assert scene["who"].pose.yaw_rad == pytest.approx(math.pi / 2)
 
 
-def test_a_motion_script() -> None:
+def test_a_motion_starts_at_its_event_and_follows_its_waypoints() -> None:
     text = """\
   who:
     shape: {person: {}}

@@ -701,7 +701,7 @@ async def test_an_abort_of_a_node_lands_its_run_and_bars_it_for_the_rest() -> No
     assert not late
 
 
-def test_an_abort_reaches_a_worker_by_any_descriptor_and_one_that_is_gone_is_no_error() -> None:
+def test_an_abort_reaches_a_worker_by_any_descriptor_and_a_closed_one_is_no_error() -> None:
     """`select` refuses descriptors above 1023, and so would the abort of all further workers."""
     limits = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (max(limits[0], 2048), limits[1]))

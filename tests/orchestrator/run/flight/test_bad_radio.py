@@ -63,7 +63,7 @@ def test_px4_returns_by_itself_in_an_outage_and_that_ends_at_the_ceiling(fly_run
     assert "fence" in guard_events(folder)
 
 
-def test_ardupilot_waits_where_it_is_and_a_lost_vehicle_is_no_verdict_of_the_autonomy(
+def test_ardupilot_waits_in_place_and_a_lost_vehicle_is_no_fail_of_the_autonomy(
     fly_run: Fly,
 ) -> None:
     result, folder = fly_run("gate-ardupilot", sets=(*LONGER, DARK % 3.5))

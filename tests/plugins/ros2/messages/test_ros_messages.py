@@ -126,7 +126,7 @@ def test_depth_is_in_metres_and_infinite_where_nothing_is() -> None:
     assert np.array_equal(message.data.view(np.float32).reshape(6, 8), DEPTHS)
 
 
-def test_intrinsics() -> None:
+def test_intrinsics_become_a_camera_info() -> None:
     message = read(MAKE.camera_info(LENS, STAMP_NS, "c"), CAMERA_INFO)
     assert list(message.k) == [5.0, 0.0, 3.5, 0.0, 5.5, 2.5, 0.0, 0.0, 1.0]
     assert list(message.p) == [5.0, 0, 3.5, 0, 0, 5.5, 2.5, 0, 0, 0, 1, 0]

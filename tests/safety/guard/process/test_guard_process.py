@@ -200,7 +200,7 @@ async def test_the_guard_lands_both_after_a_stop_of_the_orchestrator(folder: Pat
     await program.wait()
 
 
-async def test_killed_guard_leaves_the_landing_to_the_autopilots(folder: Path) -> None:
+async def test_a_killed_guard_leaves_the_landing_to_the_autopilots(folder: Path) -> None:
     async with RemoteFlight(folder) as flight:
         os.kill(flight.guard.pid, signal.SIGKILL)
         await until(lambda: flight.kinds() == ["guard"], 30.0)
@@ -216,7 +216,7 @@ async def test_killed_guard_leaves_the_landing_to_the_autopilots(folder: Path) -
         assert "FAILSAFE" in [word for _, word in words(folder, name)]
 
 
-async def test_guard_that_says_nothing_is_taken_for_dead(folder: Path) -> None:
+async def test_a_guard_that_is_silent_is_taken_for_dead(folder: Path) -> None:
     async with RemoteFlight(folder) as flight:
         os.kill(flight.guard.pid, signal.SIGSTOP)
         await until(lambda: flight.kinds() == ["guard"], 30.0)
@@ -225,7 +225,7 @@ async def test_guard_that_says_nothing_is_taken_for_dead(folder: Path) -> None:
     assert all(map(gone, flight.pids.values()))
 
 
-async def test_killed_vehicle_brings_the_other_down(folder: Path) -> None:
+async def test_a_killed_vehicle_brings_the_other_down(folder: Path) -> None:
     async with RemoteFlight(folder) as flight:
         os.kill(flight.pids["real"], signal.SIGKILL)
         assert await flight.guard.all_down(60.0)
@@ -237,7 +237,9 @@ async def test_killed_vehicle_brings_the_other_down(folder: Path) -> None:
     assert words(folder, "twin")[-1][1] == "END armed=False up_m=0.00"
 
 
-async def test_both_killed_leave_nothing(folder: Path, runtime: Path) -> None:
+async def test_nothing_is_left_after_a_kill_of_orchestrator_and_guard(
+    folder: Path, runtime: Path
+) -> None:
     program, pids = await start_orchestrator(folder)
     os.kill(pids["guard"], signal.SIGSTOP)
     program.kill()

@@ -123,7 +123,7 @@ def test_a_user_without_a_home_has_the_usual_folder_alone(
         open_runtime_folder()
 
 
-def test_a_folder_in_which_sockets_of_multiprocessing_have_too_long_paths_is_not_used(
+def test_a_folder_too_deep_for_sockets_of_multiprocessing_is_not_used(
     short_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     long = short_folder / ("x" * 60)

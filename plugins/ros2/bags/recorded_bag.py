@@ -19,8 +19,8 @@ from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
 from wil_campaign.orchestrator.recording.mcap.mcap_decode import camera_of, decode
 from wil_campaign.orchestrator.recording.mcap.mcap_json import Json, bytes_of
 from wil_campaign.orchestrator.recording.recording_facts import campaign_in, mounts_in
-from wil_campaign.plugins.ros2.bag_file import BagFile
-from wil_campaign.plugins.ros2.bag_frames import BagFrames
+from wil_campaign.plugins.ros2.bags.bag_file import BagFile
+from wil_campaign.plugins.ros2.bags.bag_frames import BagFrames
 from wil_campaign.plugins.ros2.messages.reading_messages import (
     Made,
     optical_frame,

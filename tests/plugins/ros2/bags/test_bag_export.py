@@ -169,7 +169,7 @@ def test_poses_are_transforms_and_odometry_in_the_frames_of_ros(tmp_path: Path) 
     assert {"imu", "twin/imu"} <= set(fixed)
 
 
-def test_what_was_perceived_unmixed_has_the_topics_of_the_flight(tmp_path: Path) -> None:
+def test_unmixed_readings_have_the_topics_of_the_flight(tmp_path: Path) -> None:
     """In mode sim it is the twin's, in wil the judged vehicle's where the recipe mixes nothing."""
     record(tmp_path, mode="sim")
     assert export(tmp_path, tmp_path / "sim.mcap") == 0
@@ -222,7 +222,7 @@ def test_a_recording_that_is_cut_off_is_named_and_exported_on_request(
         ("wild.mcap", "flight.mcap", "wild.mcap: cannot be read: KeyError: 'data'"),
     ],
 )
-def test_what_cannot_be_exported_is_named_and_nothing_is_written(
+def test_a_run_that_cannot_be_exported_is_named_and_nothing_is_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], run: str, file: str, said: str
 ) -> None:
     recorded_run = record(tmp_path)
@@ -263,7 +263,7 @@ def test_a_disk_that_takes_nothing_leaves_no_file(
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("wil_campaign.plugins.ros2.bag_file.BagFile.finish", full)
+    monkeypatch.setattr("wil_campaign.plugins.ros2.bags.bag_file.BagFile.finish", full)
     assert export(tmp_path, tmp_path / "flight.mcap") == 3
     assert "No space left on device" in capsys.readouterr().err
     assert not list(tmp_path.glob("*flight*"))

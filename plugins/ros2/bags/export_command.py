@@ -16,7 +16,7 @@ from wil_campaign.plugins.ros2.ros2_part import INSTALL, Distribution
 from wil_campaign.worlds.files.paths import exists, is_file, is_folder
 
 if TYPE_CHECKING:
-    from wil_campaign.plugins.ros2.recorded_bag import WrittenBag
+    from wil_campaign.plugins.ros2.bags.recorded_bag import WrittenBag
 
 
 def export(
@@ -49,8 +49,8 @@ def export(
     if fault := _fault_of(recording, ros2):
         err(fault)
         return 2
+    from wil_campaign.plugins.ros2.bags.recorded_bag import DAMAGED, write_bag  # noqa: PLC0415
     from wil_campaign.plugins.ros2.messages.ros_types import ros_types  # noqa: PLC0415 - an extra
-    from wil_campaign.plugins.ros2.recorded_bag import DAMAGED, write_bag  # noqa: PLC0415
 
     try:
         with _whole_file(ros2) as stream:
