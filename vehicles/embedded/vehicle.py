@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import Callable
 from dataclasses import replace
-from types import TracebackType
 from typing import Any, Protocol, Self
 
 import numpy as np
@@ -169,16 +168,11 @@ class EmbeddedVehicle:
         self._timer = loop.call_at(self._step_s(_STEPS_PER_TICK), self._tick)
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         """Stop the vehicle and close the link. Raises the error that stopped it, if any."""
         self.kill()
-        await self._link.__aexit__(kind, error, trace)
-        if self._fault is not None and error is None:
+        await self._link.__aexit__(*raised)
+        if self._fault is not None and not any(raised):
             raise self._fault
 
     def _step_s(self, step: int) -> float:
