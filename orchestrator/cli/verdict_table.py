@@ -194,12 +194,12 @@ def _reasons(summary: Summary) -> list[Text]:
         for run in summary.runs
         if run.verdict != "PASS" or run.attempts
     ]
-    lines += [
+    controls = [
         Text(f"control {run.case} {run.mode} {run.verdict}, as required: {run.reason}", style="dim")
         for run in summary.controls
         if run.control is not None and run.control.met
     ]
-    return lines + [Text(text, style="bold red") for text in summary.unmet]
+    return lines + controls
 
 
 def explained_words(summary: Summary) -> list[Text]:
@@ -293,4 +293,4 @@ def _fitting(text: str, parts: Sequence[str], most: int) -> list[str]:
 
 def _head(part: str) -> str:
     """Return what a part of the last line begins with, before its details."""
-    return re.split(r": | \(", part, maxsplit=1)[0]
+    return re.split(r": | \(|, but ", part, maxsplit=1)[0]
