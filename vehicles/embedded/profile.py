@@ -3,6 +3,7 @@
 A profile describes a vehicle and a place; it is never tuned per campaign.
 """
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -146,7 +147,7 @@ class AirframeNumbers(Part):
     @property
     def motor_span_m(self) -> float:
         """Return the distance of two neighbouring motors, hub to hub."""
-        return self.arm_m * 2.0**0.5
+        return self.arm_m * math.sqrt(2.0)
 
 
 class Profile(Part):
