@@ -20,7 +20,6 @@ INSTALL = "pip install 'wil-campaign[ros2]'"
 
 
 def _is_topic(name: str) -> str:
-    """Refuse what is no absolute name of a topic."""
     if not _TOPIC.fullmatch(name):
         raise ValueError(
             f"'{name}' is no topic: begin with / and use letters, digits and _ between slashes"
