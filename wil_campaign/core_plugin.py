@@ -41,6 +41,7 @@ def recipe_steps() -> tuple[RecipeStep, ...]:
         RecipeStep(
             "isolate_detections", "wil_campaign.recipes.steps.filter.detections:isolate_detections"
         ),
+        RecipeStep("matte", "wil_campaign.recipes.steps.filter.mattes:matte"),
         RecipeStep("isolate_color", "wil_campaign.recipes.steps.filter.isolation:isolate_color"),
         RecipeStep(
             "isolate_objects", "wil_campaign.recipes.steps.filter.isolation:isolate_objects"

@@ -200,8 +200,9 @@ class VehiclePart(Part):
     simulation to launch. autopilot: the firmware of the vehicle. profile: of an embedded vehicle:
     air, motors, battery, estimator, camera. params: autopilot parameters that are set before
     arming, and read back. pose_source: where the poses for judging and rendering come from: the
-    simulator's ground truth (by default of a launched vehicle), motion capture, or the vehicle's
-    own estimate (by default of others). sensors: by the names that the recipe uses. driver: what
+    simulator's ground truth (by default of a launched vehicle, and of an attached simulation that
+    offers it when a campaign begins), motion capture, or the vehicle's own estimate (by default of
+    others). sensors: by the names that the recipe uses. driver: what
     sends commands: mavlink (built in), or mavsdk in a separate process. system_id: of MAVLink; by
     default 1 for the real vehicle and 2 for the twin. anchor: what defines the place before arming:
     `start`, or motion capture. mocap: the source of motion capture; null: the embedded vehicle's.
@@ -276,6 +277,15 @@ class VehiclePart(Part):
         if self.pose_source is not None:
             return self.pose_source
         return "mavlink" if isinstance(self.link, str) else "simulator"
+
+    @property
+    def leaves_poses_open(self) -> bool:
+        """Return whether it is attached and has no pose source: what it offers decides, in `run`.
+
+        It may be hardware, so that the file alone means its estimate.
+        """
+        is_attached = isinstance(self.link, str) and self.link != "embedded"
+        return is_attached and self.pose_source is None
 
 
 class VehiclesPart(Part):

@@ -147,10 +147,12 @@ class VehicleSetup(FlownSetup):
     mocap: None: the surrogate's own motion capture. pose_accuracy: of its pose source;
     accuracy_given: by the campaign. max_gap_s: the longest accepted gap between its positions;
     None: derived from their rate. coupling: of the twin, how it follows the real vehicle. body: by
-    which it is judged.
+    which it is judged. asks_pose_source: whether its file leaves the pose source of an attached
+    vehicle open, so that its ground truth is taken where it is a simulation that offers it.
     """
 
     name: VehicleName
+    asks_pose_source: bool = False
     anchor: Literal["start", "mocap"] = "start"
     mocap: MocapSetup | None = None
     pose_accuracy: PoseAccuracy = ESTIMATED
@@ -208,6 +210,7 @@ def _vehicle(
         system_id=part.system_id or _SYSTEM_IDS[name],
         anchor=part.anchor,
         pose_source=part.poses_from,
+        asks_pose_source=part.leaves_poses_open,
         params=dict(part.params),
         mocap=None if part.mocap is None else part.mocap.setup(name),
         pose_accuracy=_pose_accuracy(part),

@@ -8,6 +8,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from wil_campaign.vehicles.embedded.autopilot.copter.copter import ArduCopter
+from wil_campaign.vehicles.embedded.autopilot.copter.simulated_wind import simulated_wind
 from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import (
     COMPONENT,
     Aircraft,
@@ -307,6 +308,8 @@ def build_autopilot(config: EmbeddedConfig, body: Body) -> EmulatedAutopilot:
         autopilot = Px4(aircraft, full_streams=config.full_streams)
     else:
         autopilot = ArduCopter(aircraft)
+        parameters = autopilot.parameters
+        body.blown_by(lambda: simulated_wind(parameters, lambda: -body.truth.position_ned_m[2]))
     autopilot.state.simulator = lambda: body.truth
     autopilot.state.clock_offset_s = config.profile.clock.boot_offset_s
     if config.boot_unix_us is not None:

@@ -1,6 +1,7 @@
 """The oracle of STL formulas: its signals, its margin, its window, and failing fast."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -10,7 +11,13 @@ from wil_campaign.plugins.stl.stl_oracle import Stl
 from wil_campaign.plugins.stl.stl_signals import signal_docs, signals_of
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.model.oracle_results import Flag, OracleResult
-from wil_campaign.safety.model.samples import FenceSample, LinkSample, PoseSample, StateSample
+from wil_campaign.safety.model.samples import (
+    FenceSample,
+    LinkSample,
+    PoseSample,
+    ReferenceSample,
+    StateSample,
+)
 from wil_campaign.safety.model.verdict import DecisiveEvent, decide
 from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError
 from wil_campaign.safety.oracles.oracle_terms import Stages
@@ -71,6 +78,42 @@ def test_the_margin_of_a_fence_follows_the_fence_of_the_own_vehicle_alone() -> N
     )
     judge.on_pose(pose(5.0, (3.375, 0, -1)))
     assert judge.result(9.0).margin == 0.125
+
+
+def compared(judge: Oracle, source: str, north_m: float, yaw_rad: float = 0.0) -> None:
+    """Flies north at 1 m/s, and tells another source's pose of 0.1 s before."""
+    judge.on_pose(pose(4.0, (1.0, 0, -1), velocity=(1.0, 0, 0)))
+    q = Pose.of(0, 0, 0, yaw_rad=yaw_rad).q_wxyz
+    judge.on_reference(ReferenceSample(3.9, "real", source, (north_m, 0, -1), (0.5, 0, 0), q))
+    judge.on_reference(ReferenceSample(3.9, "twin", source, (99, 0, -1), (9, 0, 0), q))
+    judge.on_pose(pose(4.1, (1.1, 0, -1), velocity=(1.0, 0, 0)))
+
+
+@pytest.mark.parametrize(
+    ("judged_by", "source", "has_value"),
+    [
+        ("mocap", "mavlink", True),
+        ("simulator", "mavlink", True),
+        ("mavlink", "truth", True),
+        ("mavlink", "simulator", True),
+        ("mavlink", "mocap", False),
+        ("mocap", "truth", False),
+    ],
+)
+def test_the_error_of_the_estimate(judged_by: str, source: str, has_value: bool) -> None:
+    context = replace(CONTEXT, pose_source=judged_by)
+    for text, actual in (
+        ("eventually (estimate_error_m > 0.3)", 0.4),
+        ("eventually (estimate_speed_error_m_s > 0.3)", 0.5),
+        ("eventually (estimate_heading_error_deg > 5)", 10.0),
+    ):
+        judge = stl(text, context=context)
+        stage(judge, takeoff=1.0, at_height=2.0, goal=3.9)
+        compared(judge, source, 0.5, math.radians(-10.0))
+        result = judge.result(9.0)
+        assert result.verdict == ("PASS" if has_value else "INVALID")
+        if has_value:
+            assert result.actual == pytest.approx(actual)
 
 
 def test_times_count_from_the_stage_that_opens_the_window() -> None:

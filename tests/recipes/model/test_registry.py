@@ -28,7 +28,8 @@ def test_every_step_is_described_with_its_parameters() -> None:
     resize = docs["resize", "transform"]
     assert resize.sensors == ("camera", "depth")
     assert "(h, w, 3) uint8" in resize.details
-    on, to = resize.parameters
+    on, to, aspect = resize.parameters
+    assert (aspect.takes, aspect.default) == ("fit | crop | pad", "fit")
     assert (on.name, on.takes, on.default, on.needed) == (
         "on",
         "real | twin | both",

@@ -6,14 +6,23 @@ import pytest
 
 from wil_campaign.safety.evaluation.judge import Judge, OracleUse, build_oracles, unjudged
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import (
     DropOutSample,
     LinkSample,
     PoseSample,
+    ReferenceSample,
     StageSample,
     StateSample,
 )
-from wil_campaign.safety.oracles.oracle import OracleContext, OracleError, RunMode
+from wil_campaign.safety.oracles.oracle import (
+    Flags,
+    Oracle,
+    OracleContext,
+    OracleError,
+    RunMode,
+    Terms,
+)
 from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.vehicles.autopilots.autopilot import Mode
 from wil_campaign.worlds.frames import Pose, Vec3
@@ -43,6 +52,34 @@ def pose(t_s: float, vehicle: str, at: Vec3) -> PoseSample:
 
 def state(t_s: float, vehicle: str, *, armed: bool, landed: bool) -> StateSample:
     return StateSample(t_s, vehicle, armed, Mode.LAND, "LAND", landed)
+
+
+class Referred(Oracle):
+    """Keeps the poses by other sources that it is given."""
+
+    def __init__(self, terms: Terms) -> None:
+        super().__init__(terms)
+        self.seen: list[str] = []
+
+    def on_reference(self, sample: ReferenceSample) -> Flags:
+        self.seen.append(sample.source)
+        return self.flag(sample.t_s, "too far")
+
+    def result(self, t_s: float) -> OracleResult:
+        return self.verdict(passed=not self.seen)
+
+
+def test_an_oracle_gets_the_poses_of_its_vehicle_by_other_sources() -> None:
+    (built, *_) = build_oracles([use("altitude", vehicle="twin", max_m=3)], contexts("wil"))
+    assert built.vehicle == "twin"
+    oracle = Referred(built.terms)
+    judge = Judge([oracle])
+    for vehicle, north_m in (("twin", 1.0), ("real", 1.0), ("twin", math.nan)):
+        place = (north_m, 0.0, -1.0)
+        judge.reference(ReferenceSample(1.0, vehicle, "mavlink", place, (0.0, 0.0, 0.0)))
+    assert oracle.seen == ["mavlink"]
+    assert [flag.text for flag in judge.flags] == ["too far"]
+    assert [event.text for event in judge.decisive] == ["too far"]
 
 
 def test_each_mode_judges_its_own_vehicle() -> None:
