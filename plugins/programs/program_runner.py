@@ -204,7 +204,7 @@ class ProgramRunner(ForeignRunner):
 
     def _environment(self, sdp: Path | None) -> dict[str, str]:
         return autonomy_environment(
-            os.environ,
+            {**os.environ, **self._run_state.environment},
             mavlink_url=f"udpout://{_HOST}:{self._udp.local_port}",
             video_url="" if sdp is None else str(sdp.absolute()),
             goal=self._under_test.goal,
