@@ -13,7 +13,7 @@ from wil_campaign.orchestrator.model.acceptance_texts import (
 )
 from wil_campaign.orchestrator.model.campaign_results import Summary
 from wil_campaign.orchestrator.model.caveats import caveats, synthesised_texts
-from wil_campaign.orchestrator.model.control_results import expected_text
+from wil_campaign.orchestrator.model.control_results import ended_text, expected_text
 from wil_campaign.orchestrator.model.exit_codes import standings_of
 from wil_campaign.orchestrator.model.results import RunResult, tightest_oracle
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
@@ -256,7 +256,7 @@ def _control_texts(controls: Iterable[RunResult]) -> Iterator[str]:
         if run.control is not None:
             must = expected_text(run.control)
             not_met = "" if run.control.met else "NOT MET: "
-            yield f"{run.case} {run.mode} must end as {must}; {not_met}it ended as {run.verdict}"
+            yield f"{run.case} {run.mode} must {must}; {not_met}it {ended_text(run)}"
 
 
 def margin_text(run: RunResult | None) -> str:

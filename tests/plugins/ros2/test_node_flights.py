@@ -95,7 +95,9 @@ def test_a_node_that_breaks_in_flight_fails_the_run_with_its_last_lines(fly_run:
     result, folder = fly_run(mode="sim", sets=(node("crash", "/odom"),))
     assert result.verdict == "FAIL"
     assert "ended with exit code 1 by itself" in result.reason
-    assert "RuntimeError: the node broke on its way" in result.reason
+    assert "RuntimeError: the node broke on its way (" in result.reason
+    assert "File " not in result.reason
+    assert not [one for one in result.also if "exit code" in one.reason], "told once"
     assert all_landed(folder)
     assert result.outside is not None
     assert "the node broke on its way" in result.outside.programs[0].exit
