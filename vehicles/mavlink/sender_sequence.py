@@ -132,9 +132,9 @@ class SenderSequence:
         if self._last is not None:
             self._period_s += _SHARE * (min(t_s - self._last_s, _MOST_SILENT_S) - self._period_s)
             ahead = _ahead(self._last, frame.seq)
-            if ahead <= _NEAR:
+            if 1 < ahead <= _NEAR:
                 self._skipped.extend((self._last + one) & 0xFF for one in range(1, ahead))
-            else:
+            elif ahead > _NEAR:
                 self._skipped.clear()
                 self._came.clear()
         self._last, self._last_s = frame.seq, t_s
