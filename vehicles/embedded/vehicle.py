@@ -1,4 +1,4 @@
-"""The embedded vehicle: a JSBSim quadrotor with an autopilot on one end of a MAVLink link."""
+"""The embedded vehicle: a simulated quadrotor with an autopilot on one end of a MAVLink link."""
 
 import asyncio
 from collections.abc import Callable

@@ -5,11 +5,12 @@ import math
 import numpy as np
 
 from wil_campaign.vehicles.embedded.physics.battery import Battery
+from wil_campaign.vehicles.embedded.physics.compiled_plant import CompiledPlant
 from wil_campaign.vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig
 from wil_campaign.vehicles.embedded.physics.estimator import Estimator
 from wil_campaign.vehicles.embedded.physics.motion_kernel import NEAR_GROUND, NUMBERS, WRECKED, read
 from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
-from wil_campaign.vehicles.embedded.physics.plant import Plant
+from wil_campaign.vehicles.embedded.physics.plant import JsbsimPlant
 from wil_campaign.vehicles.embedded.physics.states import (
     STOPPED,
     Motion,
@@ -42,7 +43,8 @@ class Body:
         self._start = config.start.position_ned_m
         self._turn_rad = config.start.yaw_rad - heading
         self._turn = quat_from_euler(0.0, 0.0, self._turn_rad)
-        self._plant = Plant(
+        plant = JsbsimPlant if config.physics == "jsbsim" else CompiledPlant
+        self._plant = plant(
             airframe=airframe,
             motor_lag_s=profile.motors.lag_s,
             motor_factors=(1 + spread[0], 1 + spread[1], 1 + spread[2], 1 + spread[3]),

@@ -13,10 +13,11 @@ from tests.vehicles.embedded.charge import set_remaining
 from wil_campaign.vehicles.embedded.physics import plant as plant_module
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe, aircraft_root, aircraft_xml
 from wil_campaign.vehicles.embedded.physics.battery import Battery
+from wil_campaign.vehicles.embedded.physics.compiled_plant import CompiledPlant
 from wil_campaign.vehicles.embedded.physics.estimator import Estimator
 from wil_campaign.vehicles.embedded.physics.mocap_feed import MotionCaptureFeed
 from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
-from wil_campaign.vehicles.embedded.physics.plant import Plant, PlantError
+from wil_campaign.vehicles.embedded.physics.plant import JsbsimPlant, Plant, PlantError
 from wil_campaign.vehicles.embedded.physics.states import (
     AT_REST,
     STOPPED,
@@ -35,10 +36,17 @@ HOVER = (AIRFRAME.hover_thrust_n,) * 4
 finite = st.floats(-100.0, 100.0)
 
 
+Kind = type[JsbsimPlant] | type[CompiledPlant]
+both = pytest.mark.parametrize("kind", [JsbsimPlant, CompiledPlant])
+
+
 def plant(
-    *, yaw_rad: float = 0.0, factors: tuple[float, float, float, float] = (1, 1, 1, 1)
+    kind: Kind = JsbsimPlant,
+    *,
+    yaw_rad: float = 0.0,
+    factors: tuple[float, float, float, float] = (1, 1, 1, 1),
 ) -> Plant:
-    return Plant(
+    return kind(
         airframe=AIRFRAME,
         motor_lag_s=0.05,
         motor_factors=factors,
@@ -83,8 +91,9 @@ def scaled(factor: float) -> tuple[float, float, float, float]:
     return (factor * a, factor * b, factor * c, factor * d)
 
 
-def test_stands_still_with_its_heading() -> None:
-    p = plant(yaw_rad=-2.5)
+@both
+def test_stands_still_with_its_heading(kind: Kind) -> None:
+    p = plant(kind, yaw_rad=-2.5)
     for _ in range(500):
         p.step(STOPPED)
     motion = p.motion()
@@ -94,8 +103,9 @@ def test_stands_still_with_its_heading() -> None:
     assert motion.specific_force_m_s2 == pytest.approx((0, 0, -9.8), abs=0.05)
 
 
-def test_hover_thrust_hovers_and_more_climbs() -> None:
-    p = plant()
+@both
+def test_hover_thrust_hovers_and_more_climbs(kind: Kind) -> None:
+    p = plant(kind)
     for _ in range(250):
         p.step(scaled(1.2))
     north, east, down = p.motion().position_ned_m
@@ -105,12 +115,15 @@ def test_hover_thrust_hovers_and_more_climbs() -> None:
     assert not p.on_ground()
 
 
+@both
 @pytest.mark.parametrize(
     ("motors", "axis", "sign"),
     [((0, 3), 0, -1), ((1, 2), 0, 1), ((0, 2), 1, 1), ((1, 3), 1, -1), ((0, 1), 2, 1)],
 )
-def test_each_motor_turns_it_the_right_way(motors: tuple[int, int], axis: int, sign: int) -> None:
-    p = plant()
+def test_each_motor_turns_it_the_right_way(
+    kind: Kind, motors: tuple[int, int], axis: int, sign: int
+) -> None:
+    p = plant(kind)
     thrusts = list(scaled(1.3))
     for _ in range(100):
         p.step((thrusts[0], thrusts[1], thrusts[2], thrusts[3]))
@@ -121,8 +134,9 @@ def test_each_motor_turns_it_the_right_way(motors: tuple[int, int], axis: int, s
     assert p.motion().rates_rad_s[axis] * sign > 0.1
 
 
-def test_wind_carries_it_along() -> None:
-    p = plant()
+@both
+def test_wind_carries_it_along(kind: Kind) -> None:
+    p = plant(kind)
     for _ in range(100):
         p.step(scaled(1.3))
     p.set_wind((0.0, 3.0, 0.0))
@@ -132,8 +146,9 @@ def test_wind_carries_it_along() -> None:
     assert abs(p.motion().velocity_ned_m_s[0]) < 0.005
 
 
-def test_a_failed_motor_gives_nothing() -> None:
-    p = plant()
+@both
+def test_a_failed_motor_gives_nothing(kind: Kind) -> None:
+    p = plant(kind)
     for _ in range(100):
         p.step(scaled(1.3))
     p.fail_motor(0)
@@ -142,8 +157,9 @@ def test_a_failed_motor_gives_nothing() -> None:
     assert max(map(abs, p.motion().rates_rad_s)) > 1.0
 
 
-def test_a_mended_motor_gives_what_it_gave_before() -> None:
-    p = plant(factors=(0.95, 1.0, 1.0, 1.0))
+@both
+def test_a_mended_motor_gives_what_it_gave_before(kind: Kind) -> None:
+    p = plant(kind, factors=(0.95, 1.0, 1.0, 1.0))
 
     def thrust_n() -> float:
         """Return the first motor's thrust at a command of 1 N."""
@@ -158,8 +174,9 @@ def test_a_mended_motor_gives_what_it_gave_before() -> None:
     assert thrust_n() == pytest.approx(0.95, abs=1e-3)
 
 
-def test_numbers_that_are_none_are_an_error() -> None:
-    p = plant()
+@both
+def test_numbers_that_are_none_are_an_error(kind: Kind) -> None:
+    p = plant(kind)
     for _ in range(10):
         p.step((math.nan, 0.0, 0.0, 0.0))
     with pytest.raises(PlantError, match="diverged"):
@@ -289,5 +306,7 @@ def test_the_battery_drains_sags_and_fades() -> None:
 
 def test_without_jsbsim_the_error_says_what_flies_instead(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plant_module, "jsbsim", None)
-    with pytest.raises(PlantError, match=r"not installed here .* attach or launch the vehicle"):
+    with pytest.raises(
+        PlantError, match=r"not installed here .* `physics: compiled`, attach or launch"
+    ):
         plant()
