@@ -1,21 +1,23 @@
-"""Builds docs/built/api.md, the page of what files of users import, from the docstrings.
+"""Builds docs/api.md, the page of what files of users import, from the docstrings.
 
-The modules are read, not imported, so that the page is the same on every Python.
+The modules are read, not imported, so that the page is the same on every Python. It is a hook of
+mkdocs.yml too: the site has this page, and names files of the repository that are no pages.
 """
 
 import ast
 import inspect
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-API = ROOT / "docs" / "built" / "api.md"
+API = ROOT / "docs" / "api.md"
 
 INTRODUCTION = """# What your own files import
 Autonomies, steps of recipes and detectors of your own import `wil_campaign.api` and nothing else of
 this program: its names stay when modules move. Programs beside the campaign
-([delivery](../delivery.md)) import nothing; they speak MAVLink and read environment variables.
-Scripts that fly campaigns and read recordings import `wil_campaign` ([how](../python.md)).
+([delivery](delivery.md)) import nothing; they speak MAVLink and read environment variables.
+Scripts that fly campaigns and read recordings import `wil_campaign` ([how](python.md)).
 
 This page is made from the docstrings by `python docs/generate.py`.
 """
@@ -159,8 +161,18 @@ def api() -> str:
 
 def main() -> None:
     """Write the page."""
-    API.parent.mkdir(exist_ok=True)
     API.write_text(api(), "utf-8")
+
+
+def on_pre_build(**_: object) -> None:
+    """Build the page before mkdocs looks for it."""
+    main()
+
+
+def on_page_markdown(markdown: str, page: object, **_: object) -> str:
+    """Return a page's text, in which a link to a file outside of docs/ is that file's name."""
+    up = str(page.file.src_uri).count("/") + 1  # type: ignore[attr-defined]
+    return re.sub(rf"\[[^]]+\]\((?:\.\./){{{up}}}([^)#]+)[^)]*\)", r"`\1`", markdown)
 
 
 if __name__ == "__main__":
