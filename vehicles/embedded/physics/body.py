@@ -8,7 +8,7 @@ from wil_campaign.vehicles.embedded.physics.battery import Battery
 from wil_campaign.vehicles.embedded.physics.compiled_plant import CompiledPlant
 from wil_campaign.vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig
 from wil_campaign.vehicles.embedded.physics.estimator import Estimator
-from wil_campaign.vehicles.embedded.physics.motion_kernel import NEAR_GROUND, NUMBERS, WRECKED, read
+from wil_campaign.vehicles.embedded.physics.motion_kernel import NEAR_GROUND, TRUTH, WRECKED
 from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
 from wil_campaign.vehicles.embedded.physics.plant import JsbsimPlant
 from wil_campaign.vehicles.embedded.physics.states import (
@@ -61,15 +61,18 @@ class Body:
             rng=air_rng,
         )
         self._still_air = not any(profile.air.sigma_m_s)
-        self._estimator = Estimator(noise=profile.estimator, rate_hz=PHYSICS_HZ, rng=estimator_rng)
+        array = self._plant.array
+        self._estimator = Estimator(
+            noise=profile.estimator, rate_hz=PHYSICS_HZ, rng=estimator_rng, body=array
+        )
         self.battery = Battery(profile=profile.battery, hover_thrust_n=4 * airframe.hover_thrust_n)
         self._contact_world = contact_world
         self._last_pose: tuple[Pose, float] | None = None
         self._steps = 0
         self._resting_steps = 0
         self._wrecked = False
-        self._motion = np.zeros(NUMBERS)
-        read(self._plant.numbers(), self._plant.zero, self._motion)
+        self._motion = array[TRUTH]
+        self._motion[:] = [number for vector in self._plant.motion() for number in vector]
         self._truth: Motion | None = None
         self._pose: Pose | None = None
         self.touching = True
@@ -95,14 +98,14 @@ class Body:
             if not self._still_air:
                 north, east, down = self._air.advance()
                 self._plant.set_wind((north, east, down))
-        estimator, motion = self._estimator, self._motion
+        estimator = self._estimator
         if self._is_resting():
-            estimate = estimator.estimate(motion)
+            estimate = estimator.estimate(self._motion)
         else:
             factor, plant = self.battery.thrust_factor, self._plant
             a, b, c, d = thrusts
             plant.step((a * factor, b * factor, c * factor, d * factor))
-            bits = estimator.read(plant.numbers(), plant.zero, motion)
+            bits = estimator.read()
             if not bits:
                 raise plant.divergence()
             estimate = estimator.present

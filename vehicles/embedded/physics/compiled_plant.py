@@ -50,10 +50,6 @@ class CompiledPlant(Plant):
         commands = (a * fa, b * fb, c * fc, d * fd)
         self._fly(self._state, self._constants, commands, self._dt_s, self._raw)
 
-    def numbers(self) -> F64:
-        """Return JSBSim's numbers of the motion, for the kernels; the same array at each call."""
-        return self._raw
-
     def thrusts(self) -> Thrusts:
         """Return each motor's thrust in the plant, newtons: lagging its command."""
         a, b, c, d = self._state[34:38].tolist()

@@ -10,11 +10,16 @@ from typing import Any
 import numpy as np
 
 from wil_campaign.vehicles.embedded.physics.airframe import MOTORS, Airframe, aircraft_root
-from wil_campaign.vehicles.embedded.physics.motion_kernel import NUMBERS, read
+from wil_campaign.vehicles.embedded.physics.motion_kernel import (
+    BODY_NUMBERS,
+    NUMBERS,
+    RAW,
+    ZERO,
+    read,
+)
 from wil_campaign.vehicles.embedded.physics.states import Motion, Thrusts, motion_of
 from wil_campaign.vehicles.errors import NO_JSBSIM
 from wil_campaign.worlds.frames import Vec3
-from wil_campaign.worlds.jit import F64
 
 os.environ.setdefault("JSBSIM_DEBUG", "0")
 
@@ -56,21 +61,19 @@ class Plant(ABC):
     """The simulated plant: one quadrotor on flat ground.
 
     `motor_factors` multiply the commanded thrusts: the spread between motors. Positions are NED
-    metres from its position after settling, which is `zero` in the metres of what computes it.
+    metres from its position after settling.
     """
 
     def __init__(self, motor_factors: Thrusts) -> None:
         self._spread = tuple(map(float, motor_factors))
         self._factors = list(self._spread)
-        self._raw, self.zero = np.zeros(NUMBERS), np.zeros(3)
+        self.array = np.zeros(BODY_NUMBERS)
+        """The body array (see motion_kernel): the plant sets its own numbers."""
+        self._raw, self._zero = self.array[RAW], self.array[ZERO]
 
     @abstractmethod
     def step(self, thrusts: Thrusts) -> None:
         """Advance the plant by one step with these commands, in newtons per motor."""
-
-    @abstractmethod
-    def numbers(self) -> F64:
-        """Return JSBSim's numbers of the motion, for the kernels; the same array at each call."""
 
     @abstractmethod
     def thrusts(self) -> Thrusts:
@@ -87,7 +90,7 @@ class Plant(ABC):
     def motion(self) -> Motion:
         """Return the plant's true motion. Raises PlantError when a number is not finite."""
         motion = np.zeros(NUMBERS)
-        if not read(self.numbers(), self.zero, motion):
+        if not read(self._raw, self._zero, motion):
             raise self.divergence()
         return motion_of(motion)
 
@@ -107,7 +110,7 @@ class Plant(ABC):
         """Let the plant's legs settle, then set the origin of positions there."""
         for _ in range(round(0.5 / dt_s)):
             self.step((0.0, 0.0, 0.0, 0.0))
-        self.zero[:] = self.motion().position_ned_m
+        self._zero[:] = self.motion().position_ned_m
 
 
 class JsbsimPlant(Plant):
@@ -149,11 +152,7 @@ class JsbsimPlant(Plant):
         commands[2](thrusts[2] * factors[2])
         commands[3](thrusts[3] * factors[3])
         self._run()
-
-    def numbers(self) -> F64:
-        """Return JSBSim's numbers of the motion, for the kernels; the same array at each call."""
         _NUMBERS.pack_into(self._bytes, 0, *[get() for get in self._motion_getters])
-        return self._raw
 
     def thrusts(self) -> Thrusts:
         """Return each motor's thrust in the plant, newtons: lagging its command."""

@@ -16,6 +16,7 @@ from wil_campaign.vehicles.embedded.physics.battery import Battery
 from wil_campaign.vehicles.embedded.physics.compiled_plant import CompiledPlant
 from wil_campaign.vehicles.embedded.physics.estimator import Estimator
 from wil_campaign.vehicles.embedded.physics.mocap_feed import MotionCaptureFeed
+from wil_campaign.vehicles.embedded.physics.motion_kernel import BODY_NUMBERS
 from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
 from wil_campaign.vehicles.embedded.physics.plant import JsbsimPlant, Plant, PlantError
 from wil_campaign.vehicles.embedded.physics.states import (
@@ -245,18 +246,24 @@ def test_the_estimate_is_late_and_starts_at_its_origin() -> None:
     noise = NOMINAL.estimator.model_copy(
         update={"delay_s": 0.02, "velocity_sigma_m_s": (0.0, 0.0), "position_sigma_m": (0.0, 0.0)}
     )
-    estimator = Estimator(noise=noise, rate_hz=250, rng=np.random.default_rng(1))
+    estimator = Estimator(
+        noise=noise, rate_hz=250, rng=np.random.default_rng(1), body=np.zeros(BODY_NUMBERS)
+    )
     for step in range(100):
         truth = AT_REST._replace(position_ned_m=(step * 0.004, 0.0, 0.0))
         estimate = motion_of(estimator.estimate(array_of(truth)))
     # Five steps late.
     assert estimate.position_ned_m[0] == pytest.approx((99 - 5) * 0.004)
-    noisy = Estimator(noise=CAGE.estimator, rate_hz=250, rng=np.random.default_rng(1))
+    noisy = Estimator(
+        noise=CAGE.estimator, rate_hz=250, rng=np.random.default_rng(1), body=np.zeros(BODY_NUMBERS)
+    )
     assert noisy.estimate(array_of(AT_REST))[:3] == pytest.approx((0, 0, 0), abs=0.02)
 
 
 def test_the_estimate_wanders_as_the_profile_says() -> None:
-    estimator = Estimator(noise=CAGE.estimator, rate_hz=250, rng=np.random.default_rng(3))
+    estimator = Estimator(
+        noise=CAGE.estimator, rate_hz=250, rng=np.random.default_rng(3), body=np.zeros(BODY_NUMBERS)
+    )
     truth = array_of(AT_REST)
     velocities = [estimator.estimate(truth)[3:6].tolist() for _ in range(250 * 400)]
     across, down = CAGE.estimator.velocity_sigma_m_s
