@@ -27,6 +27,7 @@ TITLES: dict[str, tuple[str, ...]] = {
     "An autonomy": ("wil_campaign.vehicles.autonomy", "wil_campaign.vehicles.setpoints"),
     "Readings": ("wil_campaign.vehicles.readings", "wil_campaign.worlds.camera"),
     "A step of a recipe": ("wil_campaign.recipes",),
+    "A sensor type": ("wil_campaign.vehicles.sensors",),
     "An oracle": ("wil_campaign.safety.oracles",),
     "Detectors": ("wil_campaign.vehicles.perception",),
     "Poses and frames": ("wil_campaign.worlds.frames", "wil_campaign.vehicles.poses"),

@@ -45,8 +45,9 @@ class Masked(Generic[R]):
     """A reading between two recipe steps, and the mask of its kept elements.
 
     mask: one value per element, never per channel: (height, width) uint8 for an image, (beams,)
-    for a scan, (points,) for points, (1,) for a reading of one value; 255 kept and 0 not; None
-    keeps all. A mask may be the buffer of the step that made it: it is valid until that step's next
+    for a scan, (points,) for points, (1,) for a reading of one value; 255 kept and 0 not; between,
+    for an image, the share of the pixel that is (`matte`), by which `overlay` blends; None keeps
+    all. A mask may be the buffer of the step that made it: it is valid until that step's next
     frame and never leaves the mixer.
     """
 

@@ -40,10 +40,19 @@ LINES = [
 
 
 def test_the_page_has_both_systems_with_junit() -> None:
-    github, gitlab, _ = (yaml.safe_load(text) for text in blocks("yaml"))
+    _, github, gitlab, _ = (yaml.safe_load(text) for text in blocks("yaml"))
     assert "upload-artifact" in str(github["jobs"]["fly"]["steps"])
     assert gitlab["fly"]["artifacts"]["reports"]["junit"] == "junit.xml"
     assert len(LINES) >= 8
+
+
+def test_the_page_uses_the_action_of_this_repository_by_its_inputs() -> None:
+    action = yaml.safe_load((ROOT / "action.yml").read_text("utf-8"))
+    page = yaml.safe_load(blocks("yaml")[0])
+    (step,) = (one for one in page["jobs"]["fly"]["steps"] if "wil-campaign" in one["uses"])
+    assert set(step["with"]) <= set(action["inputs"])
+    needed = {name for name, one in action["inputs"].items() if one.get("required")}
+    assert needed <= set(step["with"])
 
 
 def test_the_page_builds_a_wheel_tries_it_and_attaches_it() -> None:

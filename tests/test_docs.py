@@ -121,7 +121,7 @@ def test_every_example_of_a_step_is_understood(
         assert load_recipe(document).combinations
 
 
-def test_the_step_of_ones_own_on_the_page_works(tmp_path: Path) -> None:
+def test_the_own_step_on_the_page_works(tmp_path: Path) -> None:
     (tmp_path / "my_steps.py").write_text(blocks("python")[0])
     text = (
         "schema: wil/recipe/1\nsensors: {s: {type: camera}}\ncombine:\n"
@@ -249,7 +249,7 @@ OURS = re.compile(
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
-def test_examples_for_users_import_what_stays(path: Path) -> None:
+def test_examples_for_users_import_public_modules_alone(path: Path) -> None:
     for line in path.read_text("utf-8").splitlines():
         found = OURS.match(line)
         assert found is None or PUBLIC.fullmatch(found[1]), line
@@ -303,3 +303,15 @@ def test_the_glossary_is_sorted_and_the_index_has_every_page() -> None:
     index = (DOCS / "index.md").read_text("utf-8")
     pages = {path.name for path in DOCS.glob("*.md")} - {"index.md"}
     assert {name for name in pages if f"({name})" not in index} == set()
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda page: page.name)
+def test_a_list_or_table_begins_after_a_blank_line(page: Path) -> None:
+    """MkDocs takes it for a part of the paragraph or code block before it otherwise."""
+    text = re.sub(r"(?ms)^```.*?^```$", "```", page.read_text("utf-8"))
+    blocks = re.split(r"\n(?:#.*)?\n|\n(?=#)", text)
+    begins = re.compile(r"- |\d+\. |\|")
+    for block in blocks:
+        first, *rest = block.strip("\n").splitlines() or [""]
+        if not first.startswith((" ", "#")) and not begins.match(first):
+            assert [line for line in rest if begins.match(line)] == [], block

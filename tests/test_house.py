@@ -207,7 +207,7 @@ def test_no_name_of_a_test_or_benchmark_has_a_retired_word() -> None:
     assert not found, "\n".join(found)
 
 
-def test_folders_explain_themselves() -> None:
+def test_most_folders_hold_few_modules() -> None:
     counts: dict[Path, int] = {}
     for path in sources():
         if path.name != "__init__.py":

@@ -25,7 +25,7 @@ def test_a_place_that_is_named_is_there(place: str) -> None:
     assert (ROOT / place).exists()
 
 
-def test_whoever_flies_a_program_has_its_turn() -> None:
+def test_every_module_that_flies_a_program_is_among_the_flights() -> None:
     flying = "from tests.orchestrator.wall_runs import"
     found = [
         path.relative_to(ROOT)

@@ -273,7 +273,7 @@ def test_each_method_is_named_somewhere_else() -> None:
     assert unnamed_methods(product()) <= set(CALLED_FROM_OUTSIDE)
 
 
-def test_what_only_a_dead_definition_uses_is_found() -> None:
+def test_a_definition_that_only_dead_code_uses_is_found() -> None:
     sources = {
         "house.a": "from house.b import used\ndef main() -> None:\n    used()\n",
         "house.b": "LIMIT = 1\ndef used() -> int:\n    return LIMIT\n"

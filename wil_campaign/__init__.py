@@ -1,4 +1,4 @@
-"""World-in-the-loop campaigns from Python: load, validate, fly, and read results.
+"""World-in-the-loop campaigns from Python: load, validate, fly, read and judge results.
 
     results = wil_campaign.run("campaigns/gate.yaml")
     assert results.accepted
@@ -17,16 +17,18 @@ if TYPE_CHECKING:
     from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
     from wil_campaign.orchestrator.api.campaign_results import CampaignResults, read_results
     from wil_campaign.orchestrator.api.flying import CannotFlyError, run, run_async
-    from wil_campaign.orchestrator.api.loading import load, validate
+    from wil_campaign.orchestrator.api.loading import judge, load, plan, validate
     from wil_campaign.orchestrator.api.mock_vehicle import (
         MockVehicle,
         MockVehicleError,
         mock_vehicle,
     )
     from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
+    from wil_campaign.orchestrator.campaign.reevaluation import Judgement
     from wil_campaign.orchestrator.model.campaign_results import Summary, Totals
     from wil_campaign.orchestrator.model.results import RunResult
     from wil_campaign.orchestrator.reading.errors import ResultsFolderError
+    from wil_campaign.orchestrator.recording.errors import RecordingError
     from wil_campaign.orchestrator.recording.mcap_reader import (
         Recorded,
         RecordedEvent,
@@ -34,7 +36,21 @@ if TYPE_CHECKING:
         RecordedReading,
         Recording,
     )
+    from wil_campaign.orchestrator.report.ordered_report import Report, report
+    from wil_campaign.plugins.offline.calls import mix, replay
+    from wil_campaign.plugins.offline.errors import OfflineError
+    from wil_campaign.plugins.offline.file_mixing import CombinationReport
+    from wil_campaign.plugins.offline.replay import ReplayReport
+    from wil_campaign.plugins.search.calls import SearchResults, search, search_async
+    from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
+    from wil_campaign.plugins.statistics.comparison.folder_comparison import (
+        FolderComparison,
+        compare,
+    )
+    from wil_campaign.plugins.statistics.history.folder_history import History, history
+    from wil_campaign.plugins.statistics.history.records import HistoryFileError
     from wil_campaign.plugins.statistics.study import Study
+    from wil_campaign.recipes.working import StepError
     from wil_campaign.safety.model.oracle_results import OracleResult
     from wil_campaign.worlds.files.documents import BadInput, Problem
 
@@ -43,9 +59,16 @@ __all__ = [
     "Campaign",
     "CampaignResults",
     "CannotFlyError",
+    "CombinationReport",
+    "ComparisonError",
     "FlightOptions",
+    "FolderComparison",
+    "History",
+    "HistoryFileError",
+    "Judgement",
     "MockVehicle",
     "MockVehicleError",
+    "OfflineError",
     "OracleResult",
     "Problem",
     "Recorded",
@@ -53,17 +76,31 @@ __all__ = [
     "RecordedProvenance",
     "RecordedReading",
     "Recording",
+    "RecordingError",
+    "ReplayReport",
+    "Report",
     "ResultsFolderError",
     "RunPlan",
     "RunResult",
+    "SearchResults",
+    "StepError",
     "Study",
     "Summary",
     "Totals",
+    "compare",
+    "history",
+    "judge",
     "load",
+    "mix",
     "mock_vehicle",
+    "plan",
     "read_results",
+    "replay",
+    "report",
     "run",
     "run_async",
+    "search",
+    "search_async",
     "validate",
 ]
 
@@ -72,11 +109,13 @@ _MODULES = {
     "orchestrator.reading.errors": ("ResultsFolderError",),
     "orchestrator.api.campaign_results": ("CampaignResults", "read_results"),
     "orchestrator.api.flying": ("CannotFlyError", "run", "run_async"),
-    "orchestrator.api.loading": ("load", "validate"),
+    "orchestrator.api.loading": ("judge", "load", "plan", "validate"),
     "orchestrator.campaign.flight_options": ("FlightOptions",),
     "orchestrator.api.mock_vehicle": ("MockVehicle", "MockVehicleError", "mock_vehicle"),
+    "orchestrator.campaign.reevaluation": ("Judgement",),
     "orchestrator.model.campaign_results": ("Summary", "Totals"),
     "orchestrator.model.results": ("RunResult",),
+    "orchestrator.recording.errors": ("RecordingError",),
     "orchestrator.recording.mcap_reader": (
         "Recorded",
         "RecordedEvent",
@@ -84,7 +123,18 @@ _MODULES = {
         "RecordedReading",
         "Recording",
     ),
+    "orchestrator.report.ordered_report": ("Report", "report"),
+    "plugins.offline.calls": ("mix", "replay"),
+    "plugins.offline.errors": ("OfflineError",),
+    "plugins.offline.file_mixing": ("CombinationReport",),
+    "plugins.offline.replay": ("ReplayReport",),
+    "plugins.search.calls": ("SearchResults", "search", "search_async"),
+    "plugins.statistics.comparison.errors": ("ComparisonError",),
+    "plugins.statistics.comparison.folder_comparison": ("FolderComparison", "compare"),
+    "plugins.statistics.history.folder_history": ("History", "history"),
+    "plugins.statistics.history.records": ("HistoryFileError",),
     "plugins.statistics.study": ("Study",),
+    "recipes.working": ("StepError",),
     "safety.model.oracle_results": ("OracleResult",),
     "worlds.files.documents": ("BadInput", "Problem"),
 }

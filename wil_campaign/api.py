@@ -29,10 +29,19 @@ from wil_campaign.vehicles.readings import (
     LidarPointsReading,
     LidarScanReading,
     MicrophoneReading,
+    NumbersReading,
     PoseReading,
     RangefinderReading,
     Reading,
 )
+from wil_campaign.vehicles.sensors.sensor_spec import (
+    MountedOptions,
+    SensorOptions,
+    SensorSite,
+    SensorSpec,
+)
+from wil_campaign.vehicles.sensors.timing import Timing
+from wil_campaign.vehicles.sensors.truth import Truth
 from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import (
@@ -73,6 +82,8 @@ __all__ = [
     "LimitOracle",
     "Masked",
     "MicrophoneReading",
+    "MountedOptions",
+    "NumbersReading",
     "OnnxDetector",
     "Opening",
     "PerceivesRaw",
@@ -84,9 +95,14 @@ __all__ = [
     "Quat",
     "RangefinderReading",
     "Reading",
+    "SensorOptions",
+    "SensorSite",
+    "SensorSpec",
     "Setpoint",
     "SidedParameters",
     "Telemetry",
+    "Timing",
+    "Truth",
     "Vec3",
     "VelocitySetpoint",
     "Windowed",

@@ -1,6 +1,6 @@
 """What the core itself adds by the hooks: a part of it is registered by its line here."""
 
-from wil_campaign.hooks import OracleKind, RecipeStep, implements
+from wil_campaign.hooks import OracleKind, RecipeStep, SensorKind, implements
 
 
 @implements
@@ -41,6 +41,7 @@ def recipe_steps() -> tuple[RecipeStep, ...]:
         RecipeStep(
             "isolate_detections", "wil_campaign.recipes.steps.filter.detections:isolate_detections"
         ),
+        RecipeStep("matte", "wil_campaign.recipes.steps.filter.mattes:matte"),
         RecipeStep("isolate_color", "wil_campaign.recipes.steps.filter.isolation:isolate_color"),
         RecipeStep(
             "isolate_objects", "wil_campaign.recipes.steps.filter.isolation:isolate_objects"
@@ -79,4 +80,20 @@ def recipe_steps() -> tuple[RecipeStep, ...]:
         RecipeStep("resample", "wil_campaign.recipes.steps.transform.timing:resample"),
         RecipeStep("delay", "wil_campaign.recipes.steps.transform.timing:delay"),
         RecipeStep("units", "wil_campaign.recipes.steps.transform.units:units"),
+    )
+
+
+@implements
+def sensor_types() -> tuple[SensorKind, ...]:
+    """Return the core's types of sensors."""
+    return (
+        SensorKind("camera", "wil_campaign.vehicles.sensors.lens:CAMERA"),
+        SensorKind("depth", "wil_campaign.vehicles.sensors.depth:DEPTH"),
+        SensorKind("lidar", "wil_campaign.vehicles.sensors.lidar:LIDAR"),
+        SensorKind("lidar_points", "wil_campaign.vehicles.sensors.lidar:LIDAR_POINTS"),
+        SensorKind("rangefinder", "wil_campaign.vehicles.sensors.lidar:RANGEFINDER"),
+        SensorKind("gps", "wil_campaign.vehicles.sensors.gps:GPS"),
+        SensorKind("pose", "wil_campaign.vehicles.sensors.sensor_streams:POSE"),
+        SensorKind("imu", "wil_campaign.vehicles.sensors.imu:IMU"),
+        SensorKind("microphone", "wil_campaign.vehicles.sensors.microphone:MICROPHONE"),
     )

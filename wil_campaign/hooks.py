@@ -169,6 +169,34 @@ class RunOption:
 
 
 @dataclass(frozen=True, slots=True)
+class Announcer:
+    """What tells others, as the page of a CI job, how a command ended.
+
+    name: one word. problems: a function of the problems for which files were refused, and of the
+    warnings about them. verdicts: a function of a campaign that was flown or judged again, of its
+    Summary, of the folder of its results, and of the keyword `arm` (False for --no-arm). Both are
+    called at the end, also where there is nobody to tell.
+    """
+
+    name: str
+    problems: str
+    verdicts: str
+
+
+@dataclass(frozen=True, slots=True)
+class ProblemFormat:
+    """A format of the faults of files, which `validate` writes by an option, also without any.
+
+    name: the option, which takes a file. text: a function of the problems and of the warnings,
+    which returns the file's text. help: of the option.
+    """
+
+    name: str
+    text: str
+    help: str
+
+
+@dataclass(frozen=True, slots=True)
 class AutonomyKind:
     """A kind of autonomy that is no class of Python; it has a runner, or is called as a class is.
 
@@ -231,6 +259,17 @@ class RecipeStep:
 
 
 @dataclass(frozen=True, slots=True)
+class SensorKind:
+    """A type of sensors, which campaigns and recipes name.
+
+    name: in campaigns and recipes. spec: a `SensorSpec`.
+    """
+
+    name: str
+    spec: str
+
+
+@dataclass(frozen=True, slots=True)
 class ReportSection:
     """A section of the report of a campaign, in front of its runs.
 
@@ -288,6 +327,19 @@ class Starter:
     files: str
 
 
+@dataclass(frozen=True, slots=True)
+class StarterOption:
+    """An option of `wil-campaign init`, which changes what the template gives.
+
+    name: the option. files: a function of the template's texts by name, which returns those of the
+    campaign. help: of the option.
+    """
+
+    name: str
+    files: str
+    help: str
+
+
 class LiveViewError(Exception):
     """A live view cannot be opened; the message says why, and what to do.
 
@@ -325,6 +377,11 @@ def recipe_formats() -> Sequence[RecipeFormat]:  # type: ignore[empty-body]
 @_hook
 def recipe_steps() -> Sequence[RecipeStep]:  # type: ignore[empty-body]
     """Return steps of recipes."""
+
+
+@_hook
+def sensor_types() -> Sequence[SensorKind]:  # type: ignore[empty-body]
+    """Return types of sensors."""
 
 
 @_hook
@@ -368,8 +425,23 @@ def oracles() -> Sequence[OracleKind]:  # type: ignore[empty-body]
 
 
 @_hook
+def announcers() -> Sequence[Announcer]:  # type: ignore[empty-body]
+    """Return what tells others how a command ended."""
+
+
+@_hook
+def problem_formats() -> Sequence[ProblemFormat]:  # type: ignore[empty-body]
+    """Return formats of the faults that `validate` finds."""
+
+
+@_hook
 def starters() -> Sequence[Starter]:  # type: ignore[empty-body]
     """Return what campaigns are made of, other than the template."""
+
+
+@_hook
+def starter_options() -> Sequence[StarterOption]:  # type: ignore[empty-body]
+    """Return options of `init`."""
 
 
 @_hook

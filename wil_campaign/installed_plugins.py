@@ -20,6 +20,7 @@ from wil_campaign import core_plugin, hooks
 
 SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "calibration": {"commands": ("calibrate",)},
+    "ci": {"announcers": ("ci",), "problem_formats": ("sarif", "codequality")},
     "cluster": {"commands": ("bench", "bench check", "bench serve"), "engines": ("ray",)},
     "console": {"commands": ("console",), "live_views": ("console",)},
     "foxglove": {"live_views": ("foxglove",)},
@@ -36,7 +37,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "paper_xml": {"recipe_formats": (".xml",)},
     "programs": {"autonomy_kinds": ("program",)},
     "pytest": {},  # which pytest finds by its own entry points
-    "ros2": {"autonomy_kinds": ("ros2",)},
+    "ros2": {"autonomy_kinds": ("ros2",), "commands": ("export",), "starter_options": ("ros2",)},
     "search": {"campaign_keys": ("search",), "commands": ("search",)},
     "standalone": {"commands": ("vehicle",)},
     "statistics": {"commands": ("gap", "compare", "history"), "report_sections": ("statistics",)},

@@ -25,16 +25,10 @@ from wil_campaign.safety.oracles.goal import ReachedPositionParameters, TimeLimi
 from wil_campaign.safety.oracles.oracle_terms import Window, Windowed
 from wil_campaign.safety.oracles.reached import ReachedParameters
 from wil_campaign.safety.oracles.registry import oracle_kinds
-from wil_campaign.worlds.files.documents import Data, Document, Path, Problem
+from wil_campaign.worlds.files.documents import Document, Path, Problem
 from wil_campaign.worlds.frames import norm, subtract
 from wil_campaign.worlds.scene.motion import StartOn
 from wil_campaign.worlds.scene.scene import Scene
-
-_PART = math.pi / 12.0
-_AS_TYPED = 2e-3
-"""Angles that people type in radians are parts of a turn, to three digits: 1.571, 0.785, 3.142."""
-_NARROW_DEG = 5.0
-"""No camera of a drone sees less than this across."""
 
 _LONG_GAP_S = 1.0
 """In a longer gap between positions, a vehicle that brakes at 3 m/s^2 deviates from the straight
@@ -104,10 +98,7 @@ def _unused_parameters(campaign: Document, setup: Setup) -> Iterator[Problem]:
 
 
 def document_warnings(files: CaseFiles) -> Iterator[Problem]:
-    """Yield warnings of the files of a case that need no setup: angles in radians, fence files."""
-    for document in (files.campaign, files.world, files.recipe):
-        if document is not None:
-            yield from _radians(document, document.data)
+    """Yield warnings of the files of a case that need no setup: fence files."""
     for document in files.fences.values():
         yield from fence_warnings(document)
 
@@ -178,34 +169,6 @@ def _long_gaps(campaign: Document, setup: Setup, name: VehicleName) -> Iterator[
     if gap_s is not None and gap_s > _LONG_GAP_S:
         message = f"positions of '{name}' may be missing for {gap_s:g} s"
         yield campaign.problem(path, f"{message}: its flight meanwhile is not judged")
-
-
-def _radians(document: Document, value: Data, path: Path = ()) -> Iterator[Problem]:
-    """Yield warnings for angles in degrees whose values look like radians."""
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _radians(document, inner, (*path, key))
-    elif isinstance(value, list):
-        for index, inner in enumerate(value):
-            yield from _radians(document, inner, (*path, index))
-    elif isinstance(value, float | int) and not isinstance(value, bool):
-        key = next((one for one in reversed(path) if isinstance(one, str)), "")
-        if key.endswith("_deg") and _looks_like_radians(key, float(value)):
-            message = (
-                f"{value:g} degrees? in radians that would be {math.degrees(value):.4g} degrees"
-            )
-            yield document.problem(path, message)
-
-
-def _looks_like_radians(key: str, value: float) -> bool:
-    """Return whether the value of a key in degrees deserves a warning: typical in radians."""
-    if key == "fov_deg":
-        return 0.0 < value < _NARROW_DEG
-    parts = value / _PART
-    if not 0.5 <= abs(parts) <= 24.5:
-        return False
-    near = abs(parts - round(parts)) * _PART < _AS_TYPED
-    return near and value != round(value)
 
 
 def _wide_fences(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> Iterator[Problem]:

@@ -102,7 +102,9 @@ def _gates_outside_fence(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator
     for index, name in enumerate(setup.goal.gates):
         if name not in scene or scene[name].motion is not None:
             continue
-        middle = scene[name].pose.position_ned_m
+        pose = scene[name].pose
+        middles = [pose.compose(one.pose) for one in scene[name].shape.openings]
+        middle = (*middles, pose)[0].position_ned_m
         for flown, vehicle in SEES:
             if flown == mode and (deviation := _deviation(setup, setup.vehicles[vehicle], middle)):
                 yield files.campaign.problem(("goal", "gates", index), f"'{name}' is {deviation}")

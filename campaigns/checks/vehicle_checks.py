@@ -6,13 +6,12 @@ from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import FLIES, Setup, VehicleSetup
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
+from wil_campaign.campaigns.values.sensor_setups import options_of
 from wil_campaign.hooks import drivers
 from wil_campaign.installed_plugins import added
 from wil_campaign.vehicles.launch.px4 import Px4Launch
+from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions
 from wil_campaign.worlds.files.documents import Problem
-
-_NEEDS_FLIGHT = frozenset({"imu", "microphone", "pose"})
-"""Types of sensors that measure a vehicle's own motion, not its surroundings."""
 
 
 def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
@@ -103,7 +102,7 @@ def _shared_links(
 def _placed_problems(files: CaseFiles, twin: VehicleSetup) -> Iterator[Problem]:
     """Yield sensors of a placed twin that measure a flight, which such a twin does not have."""
     for sensor in twin.sensors:
-        if sensor.kind in _NEEDS_FLIGHT:
+        if (options := options_of(sensor, SensorOptions)) and options.embedded_only:
             message = f"a placed twin does not fly: it has no {sensor.kind}; write coupling: follow"
             yield files.campaign.problem(("vehicles", "twin", "sensors", sensor.name), message)
 

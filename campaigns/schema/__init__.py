@@ -18,7 +18,7 @@ from wil_campaign.campaigns.schema.campaign import (
 )
 from wil_campaign.campaigns.schema.fence import GeofencePart
 from wil_campaign.campaigns.schema.preflight import PreflightPart
-from wil_campaign.campaigns.schema.sensors import CameraPart, MountPart, SensorPart
+from wil_campaign.campaigns.schema.sensors import CameraPart, SensorPart
 from wil_campaign.campaigns.schema.vehicles import (
     VEHICLES,
     StartPart,
@@ -37,7 +37,6 @@ __all__ = [
     "GoalPart",
     "ImageFormat",
     "Mode",
-    "MountPart",
     "PositionPart",
     "PreflightPart",
     "RecordPart",

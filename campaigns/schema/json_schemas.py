@@ -74,7 +74,7 @@ def campaign_schema() -> Schema:
     return {
         "$schema": DIALECT,
         "title": "wil-campaign: campaign file",
-        "description": _summary_of(campaign),
+        "description": summary_of(campaign),
         "type": "object",
         "if": {"required": ["campaigns"]},
         "then": refs[CompositionPart],
@@ -163,7 +163,6 @@ SCHEMAS: Mapping[str, Callable[[], Schema]] = {
 
 
 def _definitions(*models: type[BaseModel]) -> tuple[dict[type[BaseModel], Schema], Schema]:
-    """Return a reference to each model's schema, and the definitions that these lead to."""
     wanted = [(model, _MODE) for model in models]
     found, whole = models_json_schema(wanted, by_alias=True, schema_generator=_Documented)
     return {model: found[model, _MODE] for model in models}, whole["$defs"]
@@ -185,7 +184,7 @@ class _Documented(GenerateJsonSchema):
                 text = one.get("description") or found.get(key) or found.get(name)
                 if described := _with_unit(text or _part_summary(field.annotation), key):
                     one["description"] = described
-        made["description"] = _summary_of(model)
+        made["description"] = summary_of(model)
         made["title"] = re.sub(r"(Part|Model|Parameters)$", "", model.__name__)
         if key := getattr(model, "shorthand", ""):
             return {"title": made["title"], "anyOf": [made["properties"][key], made]}
@@ -195,14 +194,14 @@ class _Documented(GenerateJsonSchema):
 def _part_summary(annotation: object) -> str:
     """Return the summary of the one model that a key's value is; "" for other values."""
     parts = [one for one in (annotation, *get_args(annotation)) if _is_model(one)]
-    return _summary_of(parts[0]) if len(parts) == 1 else ""
+    return summary_of(parts[0]) if len(parts) == 1 else ""
 
 
 def _is_model(annotation: object) -> TypeGuard[type[BaseModel]]:
     return isinstance(annotation, type) and issubclass(annotation, BaseModel)
 
 
-def _summary_of(model: type[BaseModel]) -> str:
+def summary_of(model: type[BaseModel]) -> str:
     """Return the first sentences of a model's docstring, before the descriptions of its keys."""
     text = " ".join(inspect.cleandoc(model.__doc__ or "").split())
     first = next(_key_places(model, text), None)
@@ -210,7 +209,6 @@ def _summary_of(model: type[BaseModel]) -> str:
 
 
 def _key_descriptions(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
-    """Yield each key with its description, from the docstrings of a model and its bases."""
     for one in reversed(model.__mro__):
         if not (issubclass(one, BaseModel) and one is not BaseModel):
             continue
@@ -249,7 +247,6 @@ def _unless_named(parameters: Schema) -> Schema:
 
 
 def _own_oracle() -> Schema:
-    """Return the schema of an oracle with a name of the user's."""
     keys = [kind.own_key for kind in oracle_kinds().values() if kind.own_key is not None]
     ways = "".join(f", or {own.noun} as `{own.key}`" for own in keys)
     use = {

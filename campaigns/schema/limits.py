@@ -32,7 +32,7 @@ class LimitsPart(Part):
             if low >= high:
                 raise KeyFaultError("up_m", f"must be [low, high], is [{low:g}, {high:g}]")
             if high - low <= 2.0 * self.keep_m:
-                message = f"leaves no room: keep_m of {self.keep_m:g} m is kept to both"
+                message = f"leaves no room: keep_m, {self.keep_m:g} m, counts from both limits"
                 raise KeyFaultError("up_m", message)
         return self
 

@@ -2,34 +2,22 @@
 
 import math
 from dataclasses import replace
-from typing import Annotated, ClassVar, Literal, Self
+from functools import reduce
+from operator import or_
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, create_model, model_validator
 
 from wil_campaign.campaigns.schema.sources import CarriedPart, SourcedPart, SourcePart
-from wil_campaign.campaigns.values.sensor_setups import (
-    CameraSetup,
-    DepthSetup,
-    GpsSetup,
-    ImuSetup,
-    LidarPointsSetup,
-    LidarSetup,
-    MicrophoneSetup,
-    PoseSetup,
-    RangefinderSetup,
-    Reach,
-)
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
+from wil_campaign.vehicles.readings.kinds import sensor_specs
 from wil_campaign.vehicles.sensors.lens import lens_fault
-from wil_campaign.vehicles.sensors.lidar import GridPattern, ScanPattern
+from wil_campaign.vehicles.sensors.sensor_spec import MountPart, SensorSpec
 from wil_campaign.worlds.camera import CameraMount, Intrinsics
-from wil_campaign.worlds.files.documents import KeyFaultError, Part
-from wil_campaign.worlds.frames import Pose, quat_from_euler
+from wil_campaign.worlds.files.documents import KeyFaultError, Later
 
 Pixels = Annotated[int, Field(ge=16, le=8192)]
 Rate = Annotated[float, Field(gt=0, le=1000)]
-TruthRate = Annotated[float, Field(gt=0, le=250)]
-"""The embedded vehicle's physics runs at 250 Hz: no truth is available in between."""
-Metres = Annotated[float, Field(ge=0, le=10_000)]
 Focal = Annotated[float, Field(gt=0, le=1e6)]
 _FOCAL_KEYS = ("fx_px", "fy_px", "cx_px", "cy_px")
 _DISTORTIONS = (0, 4, 5, 8, 12, 14)
@@ -46,28 +34,6 @@ def _as_opencv(given: list[float]) -> list[float]:
 
 
 Distortion = Annotated[list[float], AfterValidator(_as_opencv)]
-
-
-class MountPart(Part):
-    """A sensor's mount: metres forward, right and down of the body's centre, and angles.
-
-    pitch_deg is positive upwards, yaw_deg to the right, roll_deg right side down.
-
-    forward_m, right_m, down_m: from the body's centre to the sensor. roll_deg, pitch_deg, yaw_deg:
-    turn of the sensor on the body, applied as yaw, then pitch, then roll.
-    """
-
-    forward_m: float = 0.0
-    right_m: float = 0.0
-    down_m: float = 0.0
-    roll_deg: Annotated[float, Field(ge=-180, le=180)] = 0.0
-    pitch_deg: Annotated[float, Field(ge=-90, le=90)] = 0.0
-    yaw_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
-
-    def pose(self) -> Pose:
-        """Return the sensor's mount as a pose in the body's FRD frame."""
-        angles = (math.radians(a) for a in (self.roll_deg, self.pitch_deg, self.yaw_deg))
-        return Pose((self.forward_m, self.right_m, self.down_m), quat_from_euler(*angles))
 
 
 class ImagePart(CarriedPart):
@@ -105,7 +71,6 @@ class ImagePart(CarriedPart):
         return self
 
     def _needs_optics(self) -> bool:
-        """Return whether this image sensor must give its optics."""
         return True
 
     def pinhole(self, distortion: tuple[float, ...] = ()) -> Intrinsics:
@@ -134,7 +99,7 @@ class CameraPart(ImagePart):
     """A camera sensor. distortion: OpenCV's k1, k2, p1, p2, k3 and on; none without.
 
     source: where its images come from; by default they are rendered. calibration: file with its
-    optics, and with mounting and latency where they were measured. type: the kind of sensor.
+    optics, and with mounting and latency where they were measured.
     """
 
     type: Literal["camera"]
@@ -144,7 +109,6 @@ class CameraPart(ImagePart):
 
     @model_validator(mode="after")
     def _require_possible_lens(self) -> Self:
-        """Refuse a camera sensor's distortion that no lens can have."""
         fault = lens_fault(self.intrinsics()) if self.distortion and self._has_optics() else ""
         if fault:
             raise KeyFaultError("distortion", fault)
@@ -161,7 +125,6 @@ class CameraPart(ImagePart):
         return self
 
     def _has_optics(self) -> bool:
-        """Return whether the camera sensor gives its optics itself."""
         return self.fov_deg is not None or self.fx_px is not None
 
     def _needs_optics(self) -> bool:
@@ -180,10 +143,7 @@ class CameraPart(ImagePart):
 
 
 class DepthPart(ImagePart):
-    """A depth camera sensor: stereo or time of flight.
-
-    type: the kind of sensor.
-    """
+    """A depth camera sensor: stereo or time of flight."""
 
     type: Literal["depth"]
 
@@ -194,193 +154,29 @@ class DepthPart(ImagePart):
         )
 
 
-class RangingPart(SourcedPart):
-    """The keys of every ranging sensor; its range defaults to that of the profile's sensor.
-
-    range_min_m: the least measured distance. range_max_m: the greatest measured distance.
-    """
-
-    range_min_m: Metres | None = None
-    range_max_m: Annotated[float, Field(gt=0, le=10_000)] | None = None
-    mount: MountPart = MountPart()
-
-    @model_validator(mode="after")
-    def _require_order(self) -> Self:
-        """Refuse a ranging sensor whose range_max_m is not above range_min_m."""
-        low, high = self.range_min_m, self.range_max_m
-        if low is not None and high is not None and low >= high:
-            raise KeyFaultError("range_max_m", f"must be more than range_min_m, {low:g}")
-        return self
-
-    def reach(self) -> Reach:
-        """Return the least and greatest range of a ranging sensor."""
-        return Reach(min_m=self.range_min_m, max_m=self.range_max_m)
+_IMAGES: dict[str, type[CarriedPart]] = {"camera": CameraPart, "depth": DepthPart}
+"""The types whose keys are here; those of the others are the options of their files."""
 
 
-class LidarPart(RangingPart):
-    """A 2-D lidar sensor: `beams` spread evenly over `fov_deg`, its middle forward.
-
-    type: the kind of sensor. rate_hz: scans in a second. beams: their number in one scan. fov_deg:
-    from the first beam to the last; 360 is a full turn.
-    """
-
-    type: Literal["lidar"]
-    rate_hz: TruthRate = 10.0
-    beams: Annotated[int, Field(ge=1, le=100_000)] = 400
-    fov_deg: Annotated[float, Field(gt=0, le=360)] = 360.0
-
-    def setup(self, name: str) -> LidarSetup:
-        """Return the setup of the 2-D lidar sensor."""
-        fov_rad, gaps = math.radians(self.fov_deg), self.beams - (self.fov_deg < 360.0)
-        pattern = ScanPattern(self.beams, -fov_rad / 2.0, fov_rad / max(1, gaps))
-        if self.beams == 1:
-            pattern = ScanPattern(1, 0.0, fov_rad)
-        return LidarSetup(
-            name=name,
-            rate_hz=self.rate_hz,
-            pattern=pattern,
-            reach=self.reach(),
-            mount=self.mount.pose(),
-        )
+def sensor_parts() -> tuple[type[CarriedPart], ...]:
+    """Return the model of each type of sensors, those of plugins last."""
+    return tuple(_IMAGES.get(name) or _part_of(spec) for name, spec in sensor_specs().items())
 
 
-class LidarPointsPart(RangingPart):
-    """A 3-D lidar sensor: a full turn of `columns`, each of `rings` between two elevations.
-
-    type: the kind of sensor. rate_hz: turns in a second. columns: number of directions of one turn.
-    rings: number of beams of each column, by elevation. lowest_deg: elevation of the
-    lowest ring, positive upwards. highest_deg: elevation of the highest ring, positive upwards.
-    """
-
-    type: Literal["lidar_points"]
-    rate_hz: TruthRate = 20.0
-    columns: Annotated[int, Field(ge=1, le=10_000)] = 900
-    rings: Annotated[int, Field(ge=1, le=256)] = 16
-    lowest_deg: Annotated[float, Field(ge=-90, le=90)] = -15.0
-    highest_deg: Annotated[float, Field(ge=-90, le=90)] = 15.0
-
-    @model_validator(mode="after")
-    def _upwards(self) -> Self:
-        """Refuse a 3-D lidar sensor whose highest_deg is below lowest_deg."""
-        if self.highest_deg < self.lowest_deg:
-            raise KeyFaultError("highest_deg", f"must be at least lowest_deg, {self.lowest_deg:g}")
-        return self
-
-    def setup(self, name: str) -> LidarPointsSetup:
-        """Return the setup of the 3-D lidar sensor."""
-        low_rad, high_rad = math.radians(self.lowest_deg), math.radians(self.highest_deg)
-        return LidarPointsSetup(
-            name=name,
-            rate_hz=self.rate_hz,
-            pattern=GridPattern(self.columns, self.rings, low_rad, high_rad),
-            reach=self.reach(),
-            mount=self.mount.pose(),
-        )
+def _part_of(spec: SensorSpec) -> type[SourcedPart]:
+    """Return the model of a type of sensors: its options, with `type` and `source`."""
+    kind: Any = Literal[spec.name]
+    name = f"{spec.options.__name__.removesuffix('Options')}Part"
+    bases: Any = (spec.options, SourcedPart)
+    doc = spec.options.__doc__
+    part: type[SourcedPart] = create_model(name, __base__=bases, __doc__=doc, type=(kind, ...))
+    return part
 
 
-class RangefinderPart(RangingPart):
-    """A rangefinder sensor: one beam, `beam_deg` wide; looks down unless a mount is given.
-
-    type: the kind of sensor. rate_hz: measurements in a second. beam_deg: full width of the beam.
-    """
-
-    type: Literal["rangefinder"]
-    rate_hz: TruthRate = 50.0
-    beam_deg: Annotated[float, Field(ge=0, le=90)] = 3.6
-    mount: MountPart = MountPart(pitch_deg=-90.0)
-
-    def setup(self, name: str) -> RangefinderSetup:
-        """Return the setup of the rangefinder sensor."""
-        return RangefinderSetup(
-            name=name,
-            rate_hz=self.rate_hz,
-            half_angle_rad=math.radians(self.beam_deg / 2.0),
-            reach=self.reach(),
-            mount=self.mount.pose(),
-        )
+def _any_part() -> Any:
+    either: Any = reduce(or_, sensor_parts())
+    return Annotated[either, Field(discriminator="type")]
 
 
-class GpsPart(SourcedPart):
-    """A GPS receiver among a vehicle's sensors.
-
-    type: the kind of sensor. rate_hz: fixes in a second.
-    """
-
-    type: Literal["gps"]
-    rate_hz: TruthRate = 5.0
-
-    def setup(self, name: str) -> GpsSetup:
-        """Return the setup of the GPS sensor."""
-        return GpsSetup(name=name, rate_hz=self.rate_hz)
-
-
-class ImuPart(SourcedPart):
-    """An IMU among a vehicle's sensors: accelerometer and gyroscope.
-
-    type: the kind of sensor. rate_hz: samples in a second.
-    """
-
-    embedded_only: ClassVar[bool] = True
-    type: Literal["imu"]
-    rate_hz: TruthRate = 200.0
-
-    def setup(self, name: str) -> ImuSetup:
-        """Return the setup of the IMU sensor."""
-        return ImuSetup(name=name, rate_hz=self.rate_hz)
-
-
-class PosePart(SourcedPart):
-    """A pose sensor: motion capture. rate_hz: highest rate; by default the profile's.
-
-    type: the kind of sensor.
-    """
-
-    embedded_only: ClassVar[bool] = True
-    type: Literal["pose"]
-    rate_hz: TruthRate | None = None
-
-    def setup(self, name: str) -> PoseSetup:
-        """Return the setup of the pose sensor."""
-        return PoseSetup(name=name, rate_hz=self.rate_hz)
-
-
-class MicrophonePart(SourcedPart):
-    """A microphone sensor that delivers blocks of samples.
-
-    type: the kind of sensor. sample_rate_hz: samples in a second. block_samples: samples of each
-    reading.
-    """
-
-    embedded_only: ClassVar[bool] = True
-    type: Literal["microphone"]
-    sample_rate_hz: Annotated[int, Field(ge=1000, le=192_000)] = 16_000
-    block_samples: Annotated[int, Field(ge=16, le=65_536)] = 512
-
-    @model_validator(mode="after")
-    def _limit_rate(self) -> Self:
-        """Refuse a microphone sensor of more than 250 blocks per second."""
-        blocks_hz = self.sample_rate_hz / self.block_samples
-        if blocks_hz > 250.0:
-            raise KeyFaultError("block_samples", f"gives {blocks_hz:g} blocks/s; at most 250")
-        return self
-
-    def setup(self, name: str) -> MicrophoneSetup:
-        """Return the setup of the microphone sensor."""
-        return MicrophoneSetup(
-            name=name, sample_rate_hz=self.sample_rate_hz, block_samples=self.block_samples
-        )
-
-
-SensorPart = Annotated[
-    CameraPart
-    | DepthPart
-    | LidarPart
-    | LidarPointsPart
-    | RangefinderPart
-    | GpsPart
-    | PosePart
-    | ImuPart
-    | MicrophonePart,
-    Field(discriminator="type"),
-]
+SensorPart = Annotated[CarriedPart, Later(_any_part)]
 """Any sensor; `type` selects the model."""

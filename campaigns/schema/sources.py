@@ -15,8 +15,10 @@ from wil_campaign.campaigns.values.external_setups import (
     SourceKind,
     SourceSetup,
 )
+from wil_campaign.campaigns.values.sensor_setups import OtherSetup, SensorSetup
 from wil_campaign.hooks import sources
 from wil_campaign.installed_plugins import added, load
+from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions
 from wil_campaign.vehicles.sources.readings.mavlink_messages import MESSAGES
 from wil_campaign.worlds.files.documents import KeyFaultError, Part
 from wil_campaign.worlds.files.paths import exists, is_folder
@@ -215,9 +217,17 @@ class ReadingSourcePart(Part):
 
 
 class CarriedPart(Part):
-    """Any sensor. embedded_only: without a source, only the embedded vehicle has its readings."""
+    """Any sensor. embedded_only: without a source, only the embedded vehicle has its readings.
+
+    type: the kind of sensor.
+    """
 
     embedded_only: ClassVar[bool] = False
+    type: str
+
+    def setup(self, name: str) -> SensorSetup:
+        """Return the setup of the sensor."""
+        raise NotImplementedError
 
 
 class SourcedPart(CarriedPart):
@@ -229,12 +239,18 @@ class SourcedPart(CarriedPart):
 
     source: ReadingSourcePart | None = None
 
+    def setup(self, name: str) -> OtherSetup:
+        """Return the setup of the sensor, without its source."""
+        if not isinstance(self, SensorOptions):
+            raise TypeError(f"{type(self).__name__} has no options of a sensor")
+        return OtherSetup(kind=self.type, name=name, options=self)
+
     @model_validator(mode="after")
     def _require_fitting_source(self) -> Self:
         """Refuse what the plugin of the source finds wrong with its address for this type."""
         if self.source is not None and self.source.kind not in OWN_SOURCES:
             check = load(added(sources)[self.source.kind].check)
-            if fault := check(self.source.address, getattr(self, "type", "")):
+            if fault := check(self.source.address, self.type):
                 raise KeyFaultError(("source", "address"), fault)
         return self
 
@@ -243,7 +259,7 @@ class SourcedPart(CarriedPart):
         """Refuse a MAVLink message that has no readings of this type, or keys it does not know."""
         if self.source is None or self.source.kind != "mavlink":
             return self
-        kind = getattr(self, "type", "")
+        kind = self.type
         there, wanted = MESSAGES.get(kind, ()), self.source.message
         if kind != "pose" and not there:
             fault = f"MAVLink has no message with readings of a {kind}: use tcp:// or an MCAP file"
@@ -266,7 +282,7 @@ class SourcedPart(CarriedPart):
 
         Raises KeyFaultError for a message that this autopilot never sends, or without a known unit.
         """
-        there = MESSAGES.get(getattr(self, "type", ""), ())
+        there = MESSAGES.get(self.type, ())
         if self.source is None or self.source.kind != "mavlink" or not there:
             return None
         given = self.source.message

@@ -198,20 +198,21 @@ class VehiclePart(Part):
     """One vehicle of the pair in a campaign file.
 
     link: embedded (the built-in simulation), a link such as udpin://0.0.0.0:14550, or the
-    simulation to launch. autopilot: the firmware of the vehicle. profile: of an embedded
-    vehicle: air, motors, battery, estimator, camera. physics: what moves an embedded vehicle:
-    JSBSim, or a compiled rigid body that flies as JSBSim does, for less of the processor.
-    params: autopilot parameters that are set before arming, and read back. pose_source: where
-    the poses for judging and rendering come from: the simulator's ground truth (by default of a
-    launched vehicle), motion capture, or the vehicle's own estimate (by default of others).
-    sensors: by the names that the recipe uses. driver: what sends commands: mavlink (built in),
-    or mavsdk in a separate process. system_id: of MAVLink; by default 1 for the real vehicle
-    and 2 for the twin. anchor: what defines the place before arming: `start`, or motion
-    capture. mocap: the source of motion capture; null: the embedded vehicle's. spare_links:
-    further links to the same vehicle, used when those before them fall silent. coupling: of the
-    twin, how it follows the real vehicle in mode wil. body: the one by which the vehicle is
-    judged; by default that of the embedded vehicle. permit_dead_reckoning: whether the flight
-    goes on, with a caveat, where the estimator loses what held its position at arming.
+    simulation to launch. autopilot: the firmware of the vehicle. profile: of an embedded vehicle:
+    air, motors, battery, estimator, camera. physics: what moves an embedded vehicle: JSBSim, or
+    a compiled rigid body that flies as JSBSim does, for less of the processor. params:
+    autopilot parameters that are set before arming, and read back. pose_source: where the poses
+    for judging and rendering come from: the simulator's ground truth (by default of a launched
+    vehicle, and of an attached simulation that offers it when a campaign begins), motion
+    capture, or the vehicle's own estimate (by default of others). sensors: by the names that
+    the recipe uses. driver: what sends commands: mavlink (built in), or mavsdk in a separate
+    process. system_id: of MAVLink; by default 1 for the real vehicle and 2 for the twin.
+    anchor: what defines the place before arming: `start`, or motion capture. mocap: the source
+    of motion capture; null: the embedded vehicle's. spare_links: further links to the same
+    vehicle, used when those before them fall silent. coupling: of the twin, how it follows the
+    real vehicle in mode wil. body: the one by which the vehicle is judged; by default that of
+    the embedded vehicle. permit_dead_reckoning: whether the flight goes on, with a caveat,
+    where the estimator loses what held its position at arming.
     """
 
     link: Annotated[str, AfterValidator(vehicle_link)] | LaunchPart
@@ -280,6 +281,15 @@ class VehiclePart(Part):
         if self.pose_source is not None:
             return self.pose_source
         return "mavlink" if isinstance(self.link, str) else "simulator"
+
+    @property
+    def leaves_poses_open(self) -> bool:
+        """Return whether it is attached and has no pose source: what it offers decides, in `run`.
+
+        It may be hardware, so that the file alone means its estimate.
+        """
+        is_attached = isinstance(self.link, str) and self.link != "embedded"
+        return is_attached and self.pose_source is None
 
 
 class VehiclesPart(Part):

@@ -5,11 +5,12 @@ import numpy as np
 from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
-    LidarSetup,
     SensorSetup,
+    options_of,
 )
 from wil_campaign.recipes.working import Side
 from wil_campaign.vehicles.readings import CameraReading, DepthReading, LidarScanReading, Reading
+from wil_campaign.vehicles.sensors.lidar import LidarOptions
 
 
 def blank_reading(sensor: SensorSetup, side: Side) -> Reading | None:
@@ -22,8 +23,8 @@ def blank_reading(sensor: SensorSetup, side: Side) -> Reading | None:
         size = (sensor.intrinsics.height_px, sensor.intrinsics.width_px)
         depth_m = np.full(size, np.inf, np.float32)
         return DepthReading(0.0, 0.0, 0, side, depth_m, sensor.intrinsics, sensor=sensor.name)
-    if isinstance(sensor, LidarSetup):
-        pattern = sensor.pattern
+    if lidar := options_of(sensor, LidarOptions):
+        pattern = lidar.pattern
         return LidarScanReading(
             t_s=0.0,
             arrived_s=0.0,

@@ -7,7 +7,7 @@ from pathlib import Path
 from wil_campaign.campaigns.schema import CameraPart, VehicleName, VehiclePart
 from wil_campaign.campaigns.schema.calibration import CalibrationPart, read_calibration
 from wil_campaign.campaigns.schema.sources import SourcedPart
-from wil_campaign.campaigns.values.sensor_setups import CameraSetup, SensorSetup, SourcedSetup
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, OtherSetup, SensorSetup
 from wil_campaign.worlds.camera import CameraMount
 from wil_campaign.worlds.files.documents import BadInput, Document, KeyFaultError, Problem, load
 from wil_campaign.worlds.files.documents import Path as KeyPath
@@ -37,9 +37,8 @@ def sensor_setups(
 
 
 def _sourced(
-    campaign: Document, vehicle: VehiclePart, part: SourcedPart, setup: SourcedSetup
+    campaign: Document, vehicle: VehiclePart, part: SourcedPart, setup: OtherSetup
 ) -> SensorSetup:
-    """Return the setup of a sensor with external readings. Raises KeyFaultError."""
     if part.source is None:
         return setup
     message = part.sourced_from(vehicle.autopilot)
@@ -103,5 +102,4 @@ def _calibration(
 
 
 def _folder(campaign: Document) -> Path:
-    """Return the campaign's folder, to which external files are relative."""
     return campaign.path.parent

@@ -30,7 +30,7 @@ from wil_campaign.campaigns.values.external_setups import (
     PoseSource,
     ReadingSourceSetup,
 )
-from wil_campaign.campaigns.values.sensor_setups import CameraSetup, SensorSetup, SourcedSetup
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, OtherSetup, SensorSetup
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, MessageRate, TelemetryRates
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.command_backends import OWN_FRAMES
@@ -150,10 +150,12 @@ class VehicleSetup(FlownSetup):
     mocap: None: the surrogate's own motion capture. pose_accuracy: of its pose source;
     accuracy_given: by the campaign. max_gap_s: the longest accepted gap between its positions;
     None: derived from their rate. coupling: of the twin, how it follows the real vehicle. body: by
-    which it is judged.
+    which it is judged. asks_pose_source: whether its file leaves the pose source of an attached
+    vehicle open, so that its ground truth is taken where it is a simulation that offers it.
     """
 
     name: VehicleName
+    asks_pose_source: bool = False
     anchor: Literal["start", "mocap"] = "start"
     mocap: MocapSetup | None = None
     pose_accuracy: PoseAccuracy = ESTIMATED
@@ -174,12 +176,12 @@ class VehicleSetup(FlownSetup):
         return tuple(one for one in self.sensors if isinstance(one, CameraSetup))
 
     @property
-    def sourced(self) -> tuple[tuple[SourcedSetup, ReadingSourceSetup], ...]:
+    def sourced(self) -> tuple[tuple[OtherSetup, ReadingSourceSetup], ...]:
         """Return the sensors, except cameras, whose readings are external, each with its source."""
         return tuple(
             (one, one.source)
             for one in self.sensors
-            if isinstance(one, SourcedSetup) and one.source is not None
+            if isinstance(one, OtherSetup) and one.source is not None
         )
 
 
@@ -212,6 +214,7 @@ def _vehicle(
         system_id=part.system_id or _SYSTEM_IDS[name],
         anchor=part.anchor,
         pose_source=part.poses_from,
+        asks_pose_source=part.leaves_poses_open,
         params=dict(part.params),
         mocap=None if part.mocap is None else part.mocap.setup(name),
         pose_accuracy=_pose_accuracy(part),

@@ -1,15 +1,15 @@
-"""Setups of a vehicle's sensors, one class for each type.
+"""Setups of a vehicle's sensors: cameras, depth cameras, and those of a registered type.
 
 source: of external readings; None: readings are computed here.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 from wil_campaign.campaigns.values.external_setups import ReadingSourceSetup, SourceSetup
-from wil_campaign.vehicles.sensors.lidar import GridPattern, ScanPattern
+from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions
 from wil_campaign.worlds.camera import CameraMount, Intrinsics
-from wil_campaign.worlds.frames import AT_ORIGIN, Pose
+from wil_campaign.worlds.frames import Pose
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,108 +38,30 @@ class DepthSetup:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reach:
-    """Least and greatest range of a ranging sensor, metres; None: as in its profile."""
+class OtherSetup:
+    """The setup of a sensor other than a camera. kind: its type; options: its keys."""
 
-    min_m: float | None = None
-    max_m: float | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LidarSetup:
-    """The setup of a 2-D lidar. mount: its pose in the body's FRD frame."""
-
-    kind: ClassVar[str] = "lidar"
-
+    kind: str
     name: str
-    rate_hz: float
-    pattern: ScanPattern
-    reach: Reach = Reach()
-    mount: Pose = AT_ORIGIN
-    source: ReadingSourceSetup | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LidarPointsSetup:
-    """The setup of a 3-D lidar. mount: its pose in the body's FRD frame."""
-
-    kind: ClassVar[str] = "lidar_points"
-
-    name: str
-    rate_hz: float
-    pattern: GridPattern
-    reach: Reach = Reach()
-    mount: Pose = AT_ORIGIN
-    source: ReadingSourceSetup | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RangefinderSetup:
-    """The setup of a rangefinder. half_angle_rad: of its beam. mount: pose in the FRD frame."""
-
-    kind: ClassVar[str] = "rangefinder"
-
-    name: str
-    rate_hz: float
-    half_angle_rad: float
-    mount: Pose
-    reach: Reach = Reach()
-    source: ReadingSourceSetup | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GpsSetup:
-    """The setup of a GPS receiver in the body's origin."""
-
-    kind: ClassVar[str] = "gps"
-
-    name: str
-    rate_hz: float
-    source: ReadingSourceSetup | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ImuSetup:
-    """The setup of an IMU in the body's origin."""
-
-    kind: ClassVar[str] = "imu"
-
-    name: str
-    rate_hz: float
-    source: ReadingSourceSetup | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PoseSetup:
-    """The setup of a pose sensor (motion capture). rate_hz: the highest; None: as it arrives."""
-
-    kind: ClassVar[str] = "pose"
-
-    name: str
-    rate_hz: float | None = None
-    source: ReadingSourceSetup | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MicrophoneSetup:
-    """The setup of a microphone on the body. block_samples: of one reading."""
-
-    kind: ClassVar[str] = "microphone"
-
-    name: str
-    sample_rate_hz: int
-    block_samples: int
+    options: SensorOptions
     source: ReadingSourceSetup | None = None
 
     @property
-    def rate_hz(self) -> float:
-        """Return the microphone's blocks per second."""
-        return self.sample_rate_hz / self.block_samples
+    def rate_hz(self) -> float | None:
+        """Return the sensor's readings per second; None: as they arrive."""
+        return self.options.per_s
+
+    @property
+    def mount(self) -> Pose:
+        """Return the sensor's pose in the body's FRD frame."""
+        return self.options.mounted
 
 
-RangingSetup = LidarSetup | LidarPointsSetup | RangefinderSetup
-SourcedSetup = RangingSetup | GpsSetup | ImuSetup | PoseSetup | MicrophoneSetup
-"""The sensors that may have an external source of readings."""
-SensorSetup = (
-    CameraSetup | DepthSetup | RangingSetup | GpsSetup | ImuSetup | PoseSetup | MicrophoneSetup
-)
+SensorSetup = CameraSetup | DepthSetup | OtherSetup
+Options = TypeVar("Options", bound=SensorOptions)
+
+
+def options_of(sensor: SensorSetup, wanted: type[Options]) -> Options | None:
+    """Return a sensor's keys where its type has these; else None."""
+    options = sensor.options if isinstance(sensor, OtherSetup) else None
+    return options if isinstance(options, wanted) else None

@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, Self
@@ -17,13 +18,12 @@ from wil_campaign.orchestrator.api.flight_messages import (
     CampaignEnded,
     CampaignRefused,
     FlightMessage,
-    FlightRequest,
     Message,
     RunFinished,
     decode_request,
     encode_line,
 )
-from wil_campaign.orchestrator.campaign.campaign_runner import CampaignOutcome, fly_campaign
+from wil_campaign.orchestrator.campaign.campaign_runner import fly_campaign
 from wil_campaign.orchestrator.campaign.display_thread import DisplayThread
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
 from wil_campaign.orchestrator.campaign.resuming.resumption import ResumeError
@@ -74,17 +74,26 @@ class MessageWatcher:
             pass
 
 
+Fly = Callable[[bytes, MessageWatcher], CampaignEnded]
+"""Flies the request of a line; returns how it ended, or raises what `run` reports."""
+
+
 def main() -> int:
     """Fly the campaign that is requested on standard input."""
+    return serve(_fly_campaign)
+
+
+def serve(fly: Fly) -> int:
+    """Fly what is requested on standard input, and send its messages to standard output."""
     commands = os.fdopen(os.dup(sys.stdin.fileno()), "rb")
     watcher = MessageWatcher(os.fdopen(os.dup(sys.stdout.fileno()), "wb"))
     # Prints of the user's code must not mix with messages, and no child may read the requests.
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     with Path(os.devnull).open("rb") as nothing:
         os.dup2(nothing.fileno(), sys.stdin.fileno())
-    request = decode_request(commands.readline())
+    request = commands.readline()
     threading.Thread(target=_stop_at_end, args=(commands,), daemon=True).start()
-    ending = _fly_to_end(request, watcher)
+    ending = _fly_to_end(fly, request, watcher)
     # All vehicles are down: when the program now closes standard input, nothing is interrupted.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     watcher.send(ending)
@@ -98,10 +107,10 @@ def _stop_at_end(commands: BinaryIO) -> None:
     os.kill(os.getpid(), signal.SIGINT)
 
 
-def _fly_to_end(request: FlightRequest, watcher: MessageWatcher) -> FlightMessage:
-    """Fly the requested campaign; return the message about its end."""
+def _fly_to_end(fly: Fly, request: bytes, watcher: MessageWatcher) -> FlightMessage:
+    """Fly a request; return the message about its end."""
     try:
-        outcome = _fly_requested(request, watcher)
+        return fly(request, watcher)
     except (RefusedError, EngineError) as error:
         return CampaignRefused(text=str(error), exit_code=error.code)
     except (BadInput, ResumeError, RuntimeFolderError) as error:
@@ -110,17 +119,19 @@ def _fly_to_end(request: FlightRequest, watcher: MessageWatcher) -> FlightMessag
         return CampaignRefused(text=str(error), exit_code=3)
     except KeyboardInterrupt:
         return CampaignRefused(text="interrupted before anything flew", exit_code=130)
-    write_final_report(outcome.folder)
-    return CampaignEnded(folder=str(outcome.folder), exit_code=outcome.exit_code)
 
 
-def _fly_requested(request: FlightRequest, watcher: MessageWatcher) -> CampaignOutcome:
+def _fly_campaign(line: bytes, watcher: MessageWatcher) -> CampaignEnded:
+    request = decode_request(line)
     if request.options.engine == LOCAL:
         start_run_server()  # it imports while the campaign is read
     ready = ready_flight(request.file, request.choice.options(), request.options)
     # A program that is slow to read the messages must not keep its campaign from landing.
     with DisplayThread(watcher) as thread, ready as (campaign, cleared):
-        return fly_campaign(campaign, request.options, cleared, thread)
+        outcome = fly_campaign(campaign, request.options, cleared, thread)
+    with suppress(KeyboardInterrupt):  # all is flown: the results are whole without a report
+        write_final_report(outcome.folder)
+    return CampaignEnded(folder=str(outcome.folder), exit_code=outcome.exit_code)
 
 
 if __name__ == "__main__":

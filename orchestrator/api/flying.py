@@ -6,11 +6,14 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
-from functools import partial
+from dataclasses import fields, replace
+from functools import cache, partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, Options, requested_bench
 from wil_campaign.orchestrator.api.campaign_results import CampaignResults, read_results
@@ -30,6 +33,7 @@ from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL
 from wil_campaign.orchestrator.cli.run_selection import ALL, Choice
 from wil_campaign.orchestrator.model.results import RunResult
 
+_MODULE = "wil_campaign.orchestrator.api.flight_process"
 T = TypeVar("T")
 OnResult = Callable[[RunResult], object]
 OnMessage = Callable[[str], object]
@@ -66,9 +70,9 @@ def run(
     Ctrl-C lands all vehicles, then raises KeyboardInterrupt; so does an exception of on_result or
     on_message, which is then raised. Raises BadInput for faults of files, CannotFlyError.
     """
-    request = _request(campaign, _changed(options, overrides), bench_files)
-    with FlightProcess(request) as process:
-        return process.wait(on_result or _ignore, on_message or _ignore)
+    request = _request(campaign, changed(options, overrides), bench_files)
+    with FlightProcess(encode_request(request)) as process:
+        return _flown(process, on_result or _ignore, on_message or _ignore)
 
 
 async def run_async(
@@ -85,41 +89,52 @@ async def run_async(
     on_result and on_message are called in the loop, which handles what they raise. A cancelled call
     lands all vehicles first, and raises CancelledError when they are down.
     """
-    loop = asyncio.get_running_loop()
-    request = await asyncio.to_thread(_request, campaign, _changed(options, overrides), bench_files)
-    process = FlightProcess(request)
-    waiting = loop.run_in_executor(
-        None,
-        _wait_for,
-        process,
-        _call_in_loop(loop, on_result or _ignore),
-        _call_in_loop(loop, on_message or _ignore),
+    request = await asyncio.to_thread(_request, campaign, changed(options, overrides), bench_files)
+    process = FlightProcess(encode_request(request))
+    return await await_landing(
+        process, _flown, in_loop(on_result or _ignore), in_loop(on_message or _ignore)
     )
-    return await _await_landing(waiting, process)
 
 
-def _changed(options: FlightOptions, overrides: Mapping[str, Any]) -> FlightOptions:
+def changed(options: FlightOptions, overrides: Mapping[str, Any]) -> FlightOptions:
     """Return options with some fields replaced; paths may be text, and any collection a tuple.
 
-    Raises TypeError for a name that is no field.
+    Raises TypeError for a name that is no field, ValueError for a value that a field cannot have.
     """
     texts = {"out": Path, "junit": Path, "again": tuple, "runs": tuple}
     values = {
         name: texts[name](value) if name in texts and value is not None else value
         for name, value in overrides.items()
     }
-    return replace(options, **values)
+    chosen = replace(options, **values)
+    given = {each.name: getattr(chosen, each.name) for each in fields(chosen)}
+    try:
+        return _options_model().validate_python(given)
+    except ValidationError as error:
+        raise ValueError("; ".join(map(_fault, error.errors()))) from None
 
 
-def _call_in_loop(
-    loop: asyncio.AbstractEventLoop, call: Callable[[T], object]
-) -> Callable[[T], object]:
-    """Return a function that makes a call in an event loop, from another thread."""
+@cache
+def _options_model() -> TypeAdapter[FlightOptions]:
+    return TypeAdapter(FlightOptions)
+
+
+def _fault(found: ErrorDetails) -> str:
+    """Return a fault of flight options: of which field, and what it may be."""
+    what = found["msg"].removeprefix("Input ")
+    return f"{found['loc'][0]}={found['input']!r}: {what}"
+
+
+def in_loop(call: Callable[[T], object]) -> Callable[[T], object]:
+    """Return a function that makes a call in the present event loop, from another thread."""
+    loop = asyncio.get_running_loop()
     return lambda value: loop.call_soon_threadsafe(partial(call, value))
 
 
-async def _await_landing(waiting: "asyncio.Future[T]", process: "FlightProcess") -> T:
-    """Await a flight; at each cancellation, land it and continue to wait."""
+async def await_landing(process: "FlightProcess", wait: Callable[..., T], *arguments: object) -> T:
+    """Await a flight, in a thread that calls `wait`; at each cancellation, land it and wait on."""
+    loop = asyncio.get_running_loop()
+    waiting = loop.run_in_executor(None, partial(_wait_for, process, wait, *arguments))
     cancelled: asyncio.CancelledError | None = None
     while not waiting.done():
         try:
@@ -132,27 +147,34 @@ async def _await_landing(waiting: "asyncio.Future[T]", process: "FlightProcess")
     return waiting.result()
 
 
-def _wait_for(
-    process: "FlightProcess", on_result: OnResult, on_message: OnMessage
-) -> CampaignResults:
+def _wait_for(process: "FlightProcess", wait: Callable[..., T], *arguments: object) -> T:
     with process:
-        return process.wait(on_result, on_message)
+        return wait(process, *arguments)
+
+
+def _flown(process: "FlightProcess", on_result: OnResult, on_message: OnMessage) -> CampaignResults:
+    """Return the results of a flight when it is over."""
+    ended = process.wait(on_result, on_message)
+    return read_results(ended.folder, exit_code=ended.exit_code)
 
 
 class FlightProcess:
-    """A process that flies one campaign; leaving the context lands what still flies."""
+    """A process that flies one request; leaving the context lands what still flies.
 
-    def __init__(self, request: FlightRequest) -> None:
+    module: that serves the request (`flight_process.serve`).
+    """
+
+    def __init__(self, request: bytes, module: str = _MODULE) -> None:
         # Its own session: Ctrl-C reaches only the program, which then requests the landing once.
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "wil_campaign.orchestrator.api.flight_process"],
+        self._process = subprocess.Popen(  # noqa: S603 - our own interpreter
+            [sys.executable, "-P", "-m", module],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         )
         self._is_stopped = False
-        self._send(encode_request(request))
+        self._send(request)
 
     def __enter__(self) -> Self:
         """Return the process."""
@@ -176,12 +198,12 @@ class FlightProcess:
                     stream.close()
         self._process.wait()
 
-    def wait(self, on_result: OnResult, on_message: OnMessage) -> CampaignResults:
-        """Return the campaign's results when it is over. Raises CannotFlyError."""
+    def wait(self, on_result: OnResult, on_message: OnMessage) -> CampaignEnded:
+        """Return how the campaign ended when it is over. Raises CannotFlyError."""
         for message in iter(self._read, None):
             match message:
-                case CampaignEnded(folder=folder, exit_code=code):
-                    return read_results(folder, exit_code=code)
+                case CampaignEnded():
+                    return message
                 case CampaignRefused(text=text, exit_code=code):
                     raise CannotFlyError(text, code)
                 case RunFinished(result=result):

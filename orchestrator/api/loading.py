@@ -1,11 +1,14 @@
-"""Loads campaign files for Python programs, and validates them."""
+"""Loads campaign files for Python programs, validates them, and judges recorded runs by them."""
 
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from wil_campaign.campaigns.expansion.expansion import Campaign, load_campaign
+from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
 from wil_campaign.campaigns.schema import Mode
+from wil_campaign.campaigns.setup.bench_file import load_benches
+from wil_campaign.orchestrator.campaign.reevaluation import Judgement, judge_campaign_again
+from wil_campaign.orchestrator.cli.commands.plan import plan_document
 from wil_campaign.orchestrator.cli.run_selection import Choice
 from wil_campaign.worlds.files.documents import BadInput, Problem
 
@@ -32,7 +35,7 @@ def load(
         mode=tuple(modes),
         repetitions=repetitions,
         seed=seed,
-        set_=tuple(f"{key}={json.dumps(value)}" for key, value in (overrides or {}).items()),
+        set_=settings_of(overrides),
         bench_file=tuple(map(Path, bench_files)),
     )
     return load_campaign(Path(file), choice.options())
@@ -53,3 +56,44 @@ def validate(
     except BadInput as error:
         return tuple(error.problems)
     return ()
+
+
+def plan(campaign: Campaign | str | Path) -> dict[str, object]:
+    """Return what `wil-campaign plan --json` prints of a loaded campaign, or of a file.
+
+    Its runs and controls with their seeds, what it requires, and the flights that claims need.
+    Raises BadInput.
+    """
+    return plan_document(campaign if isinstance(campaign, Campaign) else load(campaign))
+
+
+def judge(
+    file: str | Path,
+    folder: str | Path,
+    *,
+    cases: Sequence[str] = (),
+    modes: Sequence[Mode] = (),
+    repetitions: int | None = None,
+    overrides: Mapping[str, object] | None = None,
+    bench_files: Sequence[str | Path] = (),
+) -> Judgement:
+    """Judge the recorded runs of a results folder by the oracles that the campaign file has now.
+
+    Nothing flies, and nothing in the folder changes; neither the autonomy nor a step of the recipe
+    is loaded. cases to bench_files: as of `load`, and those of the flight. Raises BadInput, and
+    RecordingError where the recordings cannot be judged by this file.
+    """
+    selection = Options(
+        cases=tuple(cases),
+        modes=tuple(modes),
+        repetitions=repetitions,
+        sets=settings_of(overrides),
+        loads_code=False,
+        benches=load_benches(tuple(map(Path, bench_files))),
+    )
+    return judge_campaign_again(load_campaign(Path(file), selection), Path(folder))
+
+
+def settings_of(overrides: Mapping[str, object] | None) -> tuple[str, ...]:
+    """Return overrides as of --set."""
+    return tuple(f"{key}={json.dumps(value)}" for key, value in (overrides or {}).items())

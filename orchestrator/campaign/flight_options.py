@@ -27,7 +27,7 @@ class FlightOptions:
     Parameters
     ----------
     out
-        The folder beneath which the results go: DIR/<campaign>/<UTC start>/.
+        The folder for the results: DIR/<campaign>/<UTC start>/.
     clock
         virtual: as fast as the machine can, with results that are the same to the byte each time.
         wall: in real time, each vehicle in its own process on UDP. scaled: at the requested pace of
@@ -82,7 +82,8 @@ class Cleared:
 
     jobs: how many runs fly at once. real_kind: what flies as the real vehicle. hardware: the names
     of the vehicles that are not simulations, which a person has to move between runs; empty for
-    none. engine: where runs fly.
+    none. engine: where runs fly. settings: KEY=VALUE for the campaign, of what its attached
+    vehicles offer and its file leaves open.
     """
 
     clock: Clock
@@ -90,3 +91,4 @@ class Cleared:
     real_kind: VehicleKind = "embedded"
     hardware: str = ""
     engine: RunEngine = field(default_factory=LocalRunEngine)
+    settings: tuple[str, ...] = ()

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
+from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan, load_campaign
 from wil_campaign.orchestrator.campaign.folder.manifest import (
     judging_manifest,
     of_runs,
@@ -13,6 +13,7 @@ from wil_campaign.orchestrator.campaign.folder.manifest import (
 )
 from wil_campaign.orchestrator.campaign.folder.manifest_changes import changes_since_flight
 from wil_campaign.orchestrator.campaign.folder.repetitions import runs_due
+from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import with_open_poses
 from wil_campaign.orchestrator.model.campaign_results import Summary, summarize
 from wil_campaign.orchestrator.model.control_results import control_result
 from wil_campaign.orchestrator.model.exit_codes import exit_code
@@ -59,6 +60,7 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
     Raises RecordingError when there is none, when a recording or summary.json cannot be read, or
     when a run cannot be shown to have flown in the world that its files describe now.
     """
+    campaign = _as_settled(campaign, _document(folder / "campaign.json"))
     recorded = [plan for plan in campaign.plans if (folder / plan.name).is_dir()]
     if not recorded:
         first = campaign.plans[0].name
@@ -85,6 +87,16 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
         ),
         tuple(changes_since_flight(flown, now, file=campaign.document.path.name)),
     )
+
+
+def _as_settled(campaign: Campaign, flown: Mapping[str, Any]) -> Campaign:
+    """Return a campaign with the pose sources that its flight settled, and its file leaves open."""
+    given = flown["options"].get("set", ()) if isinstance(flown.get("options"), dict) else ()
+    wanted = {f"vehicles.{one}.pose_source=simulator" for one in with_open_poses(campaign)}
+    if not (settled := tuple(one for one in given if one in wanted)):
+        return campaign
+    options = replace(campaign.options, sets=(*campaign.options.sets, *settled))
+    return load_campaign(campaign.document.path, options)
 
 
 def _summary(

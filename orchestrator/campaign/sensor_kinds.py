@@ -5,7 +5,6 @@ from wil_campaign.campaigns.setup.case_setup import VehicleSetup
 from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
-    PoseSetup,
     SensorSetup,
 )
 from wil_campaign.orchestrator.model.campaign_results import SensorKind
@@ -37,4 +36,4 @@ def _sensor_kind(vehicle: VehicleSetup, sensor: SensorSetup) -> SensorKind | Non
         return sensor.source.shown_as
     if vehicle.name != "real" or vehicle.embedded:
         return None
-    return "live" if isinstance(sensor, PoseSetup) else "synthesised"
+    return "live" if sensor.kind == "pose" else "synthesised"

@@ -247,6 +247,12 @@ def _report_failure(error: BaseException) -> int:
 
     if isinstance(error, BadInput | RuntimeFolderError):
         err(error)
+        if isinstance(error, BadInput):
+            from wil_campaign.orchestrator.cli.announcements import (  # noqa: PLC0415
+                announce_problems,
+            )
+
+            announce_problems(error.problems, error.warnings)
         return USAGE_ERROR
     trace = "".join(traceback.format_exception(error))
     if os.environ.get("WIL_DEBUG") == "1":

@@ -21,6 +21,7 @@ from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import (
     flown_vehicles,
     kinds_of_real,
     planned_setups,
+    with_open_poses,
 )
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL
 from wil_campaign.orchestrator.cli.clock_choice import clock_for, shared_of
@@ -74,7 +75,16 @@ def clear(campaign: Campaign, options: FlightOptions) -> Cleared:
     if options.arm:
         _confirm(campaign, found)
     hardware = " and ".join(one.name for one in found if not one.identity.simulation)
-    return Cleared(wanted, 1, real_kind, hardware)
+    return Cleared(wanted, 1, real_kind, hardware, settings=_settings_of(campaign, found))
+
+
+def _settings_of(campaign: Campaign, found: Iterable[AttachedVehicle]) -> tuple[str, ...]:
+    """Return the settings by which simulations are judged by the ground truth that they offer."""
+    asked = [one for one in found if one.name in with_open_poses(campaign)]
+    for one in asked:
+        err(one.judged_text)
+    settings = (f"vehicles.{one.name}.pose_source=simulator" for one in asked if one.truth)
+    return tuple(dict.fromkeys(settings))
 
 
 def _require_no_embedded(campaign: Campaign) -> None:

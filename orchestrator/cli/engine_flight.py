@@ -37,7 +37,7 @@ def ready_flight(
     """
     if options.engine == LOCAL:
         result_store(options)
-        with _ready_here(load_selected(file, selection, options), options) as flight:
+        with _ready_here(file, selection, options) as flight:
             yield flight
         return
     check_engine(options.engine)
@@ -125,11 +125,20 @@ def _engine_of(text: str) -> Engine:
 
 
 @contextmanager
-def _ready_here(campaign: Campaign, options: FlightOptions) -> Iterator[tuple[Campaign, Cleared]]:
-    """Prepare a flight in processes of this machine."""
+def _ready_here(
+    file: Path, selection: Options, options: FlightOptions
+) -> Iterator[tuple[Campaign, Cleared]]:
+    """Prepare a flight in processes of this machine.
+
+    Raises BadInput where the radio of a simulation cannot carry the ground truth that it offers.
+    """
+    campaign = load_selected(file, selection, options)
     require_writable(options.out, junit=options.junit)
     start_run_server()
     cleared = clear(campaign, options)
+    if cleared.settings:
+        settled = replace(selection, sets=(*selection.sets, *cleared.settings))
+        campaign = load_selected(file, settled, options)
     with held_benches(campaign.benches):
         yield campaign, cleared
 

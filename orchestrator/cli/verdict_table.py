@@ -119,7 +119,6 @@ def closing_lines(
 
 
 def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[RenderableType]:
-    """Return the verdict table's cells of a case and mode."""
     passed = sum(run.verdict == "PASS" for run in runs)
     return (
         f"{passed}/{len(runs)}",

@@ -190,7 +190,6 @@ def _simulators(launches: Iterable[LaunchRecord]) -> Iterator[Finding]:
 
 
 def _vehicles(guards: Iterable[GuardRecord]) -> Iterator[Finding]:
-    """Yield findings on embedded vehicles without a guard and orchestrator."""
     for one in guards:
         alive = [child.pid for child in one.children if child.lives]
         if alive and not one.guard.lives and not (one.owner is not None and one.owner.lives):
@@ -203,14 +202,11 @@ def _parameters(backups: Path) -> Iterator[Finding]:
     """Yield the finding on parameter backups that wait to be restored."""
     if there := waiting_backups(backups):
         text = f"parameters of attached vehicles to restore: {', '.join(map(str, there))}"
-        remedy = (
-            "the next run with that vehicle does it before arming; a run in flight does it itself"
-        )
+        remedy = "the next run with that vehicle restores them before arming, or the one in flight"
         yield Finding(LEFT, "note", text, remedy)
 
 
 def _runs(name: str) -> bool:
-    """Return whether a process of this name runs on this machine."""
     return any(process.info["name"] == name for process in psutil.process_iter(["name"]))
 
 

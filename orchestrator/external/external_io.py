@@ -281,7 +281,6 @@ class ExternalIo:
 
 
 def _observers(setup: RunSetup, events: Mapping[str, float]) -> Iterator[Observer]:
-    """Yield what observes a run, by the keys of its campaign."""
     for name, given in setup.campaign.observers.items():
         observer: Observer = load(added(run_observers)[name].observe)(setup, given, events)
         yield observer
@@ -290,7 +289,6 @@ def _observers(setup: RunSetup, events: Mapping[str, float]) -> Iterator[Observe
 def _simulated_source_result(
     vehicle: str, sensor: str, simulator: ZmqImageSource, check: SimulatorCheck
 ) -> SourceResult:
-    """Return the result of a camera rendered by an external simulator."""
     counts = simulator.counts
     return SourceResult(
         vehicle=vehicle,

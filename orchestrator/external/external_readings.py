@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from wil_campaign.campaigns.values.external_setups import OWN_SOURCES, ReadingSourceSetup
-from wil_campaign.campaigns.values.sensor_setups import LidarSetup, RangingSetup, SourcedSetup
+from wil_campaign.campaigns.values.sensor_setups import OtherSetup
 from wil_campaign.hooks import sources
 from wil_campaign.installed_plugins import added, load
 from wil_campaign.orchestrator.external.external_sources import ExternalSource
@@ -17,6 +17,7 @@ from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.driver.session.repeater import Repeater
 from wil_campaign.vehicles.readings import Reading, Source
+from wil_campaign.vehicles.sensors.lidar import LidarOptions, RangingOptions
 from wil_campaign.vehicles.sources.camera_source import ReadingSource, SourceError
 from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings
 from wil_campaign.vehicles.sources.readings.mavlink_messages import Beams, StatedReach
@@ -25,7 +26,6 @@ from wil_campaign.vehicles.sources.readings.recorded_readings import ReadingFile
 from wil_campaign.vehicles.sources.readings.rest_check import rest_fault
 from wil_campaign.vehicles.sources.readings.zmq_readings import ZmqReadings
 from wil_campaign.vehicles.sources.source_request import SourceRequest
-from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 from wil_campaign.worlds.geodesy import LocalFrame
 
 _POLL_S = 0.05
@@ -46,7 +46,7 @@ _OTHER_REMEDY = "let the autopilot send it on this link, or name another by `mes
 class ExternalReadings(ExternalSource):
     """One sensor of a vehicle with external readings; a Stream of them."""
 
-    def __init__(self, *, sensor: SourcedSetup, source: ReadingSourceSetup, side: Source) -> None:
+    def __init__(self, *, sensor: OtherSetup, source: ReadingSourceSetup, side: Source) -> None:
         super().__init__(
             sensor=sensor.name, shown_as=source.shown_as, side=side, make=self._make_source
         )
@@ -88,10 +88,6 @@ class ExternalReadings(ExternalSource):
         if fault is not None:
             raise SourceError(f"{self._live.name}: {fault}")
 
-    @property
-    def _mount(self) -> Pose:
-        return self._setup.mount if isinstance(self._setup, RangingSetup) else AT_ORIGIN
-
     def _make_source(self) -> ReadingSource[Reading]:
         source = self._from_setup
         if source.shown_as == "live":
@@ -99,16 +95,14 @@ class ExternalReadings(ExternalSource):
         return RecordedReadings(file=self._make_file(), side=self._side, latency_s=source.latency_s)
 
     def _make_file(self) -> ReadingFile:
-        """Return the reader of a recorded source."""
         source = self._from_setup
         if source.kind not in OWN_SOURCES:
             file: ReadingFile = self._made_by_plugin()
             return file
-        path, kind, mount = Path(source.address), self._setup.kind, self._mount
+        path, kind, mount = Path(source.address), self._setup.kind, self._setup.mount
         return TopicReadings(path=path, kind=kind, topic=source.topic, mount=mount)
 
     def _made_by_plugin(self) -> Any:
-        """Return what the plugin makes that has the source's scheme."""
         sensor, source = self._setup, self._from_setup
         return load(added(sources)[source.kind].open)(
             SourceRequest(
@@ -116,7 +110,7 @@ class ExternalReadings(ExternalSource):
                 sensor=source.name,
                 kind=sensor.kind,
                 side=self._side,
-                mount=self._mount,
+                mount=sensor.mount,
                 rate_hz=sensor.rate_hz,
                 topic=source.topic or "",
                 latency_s=source.latency_s,
@@ -126,7 +120,6 @@ class ExternalReadings(ExternalSource):
         )
 
     def _make_live(self) -> LiveReadings:
-        """Return the receiver of a live source."""
         sensor, source = self._setup, self._from_setup
         if source.kind not in OWN_SOURCES and source.shown_as == "live":
             live: LiveReadings = self._made_by_plugin()
@@ -137,7 +130,7 @@ class ExternalReadings(ExternalSource):
                 sensor=source.name,
                 kind_of=sensor.kind,
                 side=self._side,
-                mount=self._mount,
+                mount=sensor.mount,
                 topic=source.topic or "",
                 latency_s=source.latency_s,
                 open_s=source.open_s,
@@ -153,18 +146,17 @@ class ExternalReadings(ExternalSource):
     def _mavlink_sensor(self) -> MavlinkSensor:
         """Return how the sensor's MAVLink messages are read."""
         sensor, source = self._setup, self._from_setup
-        ranging = sensor if isinstance(sensor, RangingSetup) else None
-        beams = None
-        if isinstance(sensor, LidarSetup):
-            pattern = sensor.pattern
+        options, beams, reach = sensor.options, None, StatedReach()
+        if isinstance(options, LidarOptions):
+            pattern = options.pattern
             beams = Beams(pattern.beams, pattern.start_angle_rad, pattern.step_rad)
+        if isinstance(options, RangingOptions):
+            reach = StatedReach(min_m=options.range_min_m, max_m=options.range_max_m)
         return MavlinkSensor(
             message=source.message,
             rate_hz=sensor.rate_hz,
-            mount=AT_ORIGIN if ranging is None else ranging.mount,
-            reach=StatedReach()
-            if ranging is None
-            else StatedReach(min_m=ranging.reach.min_m, max_m=ranging.reach.max_m),
+            mount=sensor.mount,
+            reach=reach,
             sensor_id=source.sensor_id,
             beams=beams,
             undulation_m=source.undulation_m,

@@ -12,7 +12,8 @@ from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import End, RecordStream
 from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode, image_of
 from wil_campaign.orchestrator.recording.mcap.mcap_json import Json
-from wil_campaign.vehicles.readings import Reading
+from wil_campaign.orchestrator.recording.reading_arrays import Arrays, arrays_of
+from wil_campaign.vehicles.readings import Reading, Source
 from wil_campaign.worlds.files.limited_json import loads_limited
 
 
@@ -55,8 +56,8 @@ class Recording:
     is no recording of wil-campaign; OSError. Foreign topics are skipped.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: str | Path) -> None:
+        self._path = Path(path)
         self.end: End | None = None
         self.facts: Mapping[str, str] = {}
         self.counts: Mapping[str, str] = {}
@@ -75,6 +76,25 @@ class Recording:
                 if item is not None:
                     yield item
         self.end = stream.end
+
+    def readings(self, sensor: str, source: Source = "real") -> Iterator[Reading]:
+        """Yield the readings of one sensor: of the vehicle, its twin, or the mixture of both."""
+        for item in self:
+            if not isinstance(item, RecordedReading):
+                continue
+            if (item.sensor, item.reading.source) == (sensor, source):
+                yield item.reading
+
+    def arrays(self, sensor: str, source: Source = "real") -> Arrays:
+        """Return the readings of one sensor as arrays by their fields: t_s (n,), range_m (n,), ...
+
+        All of them are in memory at once. A pose is a position and a quaternion (`arrays_of`).
+        Raises RecordingError where the recording has none of this sensor and source.
+        """
+        found = arrays_of(self.readings(sensor, source))
+        if not found:
+            raise RecordingError(f"{self._path}: has no readings of '{sensor}' of {source}")
+        return found
 
     def _store_metadata(self, metadata: Metadata) -> None:
         """Store the recording's metadata: its facts and counts."""

@@ -9,7 +9,7 @@ from mcap.records import Channel, Message, Schema
 
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode
-from wil_campaign.vehicles.readings import SENSOR_TYPES, Reading, sensor_type_of
+from wil_campaign.vehicles.readings import Reading, sensor_names, sensor_type_of
 from wil_campaign.vehicles.readings.checks import fault_of
 from wil_campaign.vehicles.sources.readings.reading_message import Sampled
 from wil_campaign.vehicles.sources.readings.ros2_messages import ROS2_TYPES, read_ros2, stamp_s
@@ -161,4 +161,4 @@ def _own_kind(data: bytes) -> str:
         kind = str(loads_limited(data)["wil"]["type"])
     except (KeyError, ValueError, TypeError):
         return ""
-    return kind if kind in SENSOR_TYPES else ""
+    return kind if kind in sensor_names() else ""

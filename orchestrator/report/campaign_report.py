@@ -67,8 +67,12 @@ class _Order:
     stand_in: str = ""
 
 
-def write_report(folder: Path, *, out: Path | None = None) -> WrittenReport:
+def write_report(
+    folder: Path, *, out: Path | None = None, workers: int | None = None
+) -> WrittenReport:
     """Write the report of a results folder. out: the file; None: report.html in the folder.
+
+    workers: the largest number of processes that read the runs; None: one per core.
 
     What is unreadable is left out, and listed in the page and in the returned problems. Raises
     ResultsFolderError without a campaign in the folder; OSError when the page cannot be written.
@@ -90,7 +94,7 @@ def write_report(folder: Path, *, out: Path | None = None) -> WrittenReport:
         )
         for entry, anchor in zip(campaign.entries, names, strict=True)
     ]
-    pages, sections = _pages_and_sections(orders, folder, campaign)
+    pages, sections = _pages_and_sections(orders, folder, campaign, workers)
     path = folder / FILE_NAME if out is None else out
     html = [one.html for one in sections]
     write_whole(path, render_page(campaign, html, pages, made_utc=utc_text(time.time())))
@@ -116,11 +120,11 @@ def _runs_with_video(folder: Path, entries: Iterable[RunEntry]) -> Iterator[str]
 
 
 def _pages_and_sections(
-    orders: Sequence[_Order], folder: Path, campaign: CampaignDocuments
+    orders: Sequence[_Order], folder: Path, campaign: CampaignDocuments, most: int | None
 ) -> tuple[list[RunPage], list[Section]]:
     """Return the runs of the page, and what plugins add to it."""
     wanted = tuple(added(hooks.report_sections).values())
-    workers = min(usable_cores(), len(orders))
+    workers = min(most or usable_cores(), len(orders))
     if len(orders) > _ALONE and workers > 1:
         # Spawned, not forked: earlier flights may have left threads.
         context = multiprocessing.get_context("spawn")

@@ -14,12 +14,12 @@ from wil_campaign.campaigns.schema.calibration import (
     SpreadPart,
     read_calibration,
 )
-from wil_campaign.campaigns.schema.sensors import MountPart
 from wil_campaign.plugins.calibration.board_search import BoardViews
 from wil_campaign.plugins.calibration.boards import Board, CalibrationError
 from wil_campaign.plugins.calibration.mounting import BodyPath, MountingFit, fit_mounting
 from wil_campaign.plugins.calibration.optics import OpticsFit, fit_optics
 from wil_campaign.plugins.offline.errors import OfflineError
+from wil_campaign.vehicles.sensors.sensor_spec import MountPart
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.files.documents import load
 from wil_campaign.worlds.files.paths import is_file
@@ -125,7 +125,6 @@ def _optics(camera: Intrinsics) -> OpticsPart:
 
 
 def _quality(fit: OpticsFit, board: Board) -> OpticsQualityPart:
-    """Return the quality of measured optics as part of a calibration file."""
     return OpticsQualityPart(
         board=board.name,
         pictures=fit.images,
@@ -135,7 +134,6 @@ def _quality(fit: OpticsFit, board: Board) -> OpticsQualityPart:
 
 
 def _mount(pose: Pose) -> MountPart:
-    """Return the measured mount as part of a calibration file."""
     forward, right, down = (round(value, 5) for value in pose.position_ned_m)
     roll, pitch, yaw = (round(math.degrees(angle), 4) for angle in euler_from_quat(pose.q_wxyz))
     return MountPart(

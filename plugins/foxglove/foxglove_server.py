@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from wil_campaign.orchestrator.recording.mcap.mcap_encode import Channel, Message
-from wil_campaign.orchestrator.recording.mcap.mcap_schemas import SCHEMAS, schema_of
+from wil_campaign.orchestrator.recording.mcap.mcap_schemas import schema_of, schemas
 from wil_campaign.plugins.console.console_address import ConsoleAddress
 from wil_campaign.plugins.foxglove.errors import BridgeError
 from wil_campaign.plugins.foxglove.live_messages import ALWAYS, RUN, RunState
@@ -88,7 +88,7 @@ class FoxgloveServer:
 
     def _channel(self, channel: Channel) -> "foxglove.Channel":
         if channel not in self._channels:
-            text = schema_of(RUN.schema, RunState) if channel == RUN else SCHEMAS[channel.schema]
+            text = schema_of(RUN.schema, RunState) if channel == RUN else schemas()[channel.schema]
             self._channels[channel] = self._sdk.Channel(
                 channel.topic,
                 schema=self._sdk.Schema(name=channel.schema, encoding="jsonschema", data=text),

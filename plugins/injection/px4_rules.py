@@ -75,7 +75,7 @@ PX4: Mapping[InjectionKind, tuple[Rule, ...]] = MappingProxyType(
         ),
         "vision_position_estimate": _VISION,
         "odometry": _VISION,
-        "gps_input": (Never("PX4 does not use GPS_INPUT", "inject odometry, or none"),),
+        "gps_input": (Never("PX4 does not use GPS_INPUT", "inject odometry instead"),),
         # geofence_params.c: GF_ACTION 0 none, 1 warning.
         "fence": (Needs("GF_ACTION", "PX4 only warns of a breach", 2, above=1),),
         "flight_termination": (),

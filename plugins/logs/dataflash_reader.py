@@ -44,7 +44,7 @@ def read_dataflash(path: Path) -> LoggedFlight:
     except Exception as error:  # DFReader raises whatever a damaged file causes
         raise LogError(f"{path} cannot be read as a log of ArduPilot (.bin): {error}") from error
     if not vehicle.is_any:
-        raise LogError(f"{path} has no message that tells of a flight: is it a log of ArduPilot?")
+        raise LogError(f"{path} has no message of a flight: is it a log of ArduPilot?")
     return vehicle.flight(is_damaged="bad header" in noise.getvalue().lower())
 
 
@@ -60,7 +60,6 @@ class _Vehicle:
         self.is_any = False
 
     def take(self, message: Any) -> None:
-        """Take one message."""
         self.is_any = True
         stamp = getattr(message, "TimeUS", None)
         t_s = float(message._timestamp) if stamp is None else float(stamp) * 1e-6  # noqa: SLF001 - its only access
@@ -73,7 +72,6 @@ class _Vehicle:
             self._track.yaw(t_s, math.radians(message.Yaw))
 
     def place(self, t_s: float, message: Any) -> None:
-        """Take a place on Earth."""
         self._track.place(t_s, message.Lat, message.Lng, message.Alt)
 
     def origin(self, _t_s: float, message: Any) -> None:
@@ -82,7 +80,6 @@ class _Vehicle:
             self._track.set_origin(message.Lat, message.Lng, message.Alt)
 
     def attitude(self, t_s: float, message: Any) -> None:
-        """Take a heading."""
         self._track.yaw(t_s, math.radians(message.Yaw))
 
     def text(self, _t_s: float, message: Any) -> None:
@@ -90,7 +87,6 @@ class _Vehicle:
         self._texts.append(str(message.Message))
 
     def parameter(self, _t_s: float, message: Any) -> None:
-        """Take a parameter."""
         self._parameters[str(message.Name)] = float(message.Value)
 
     def event(self, t_s: float, message: Any) -> None:
@@ -99,7 +95,6 @@ class _Vehicle:
             self._arm(t_s, armed=message.Id == _ARMED)
 
     def arming(self, t_s: float, message: Any) -> None:
-        """Take the state of arming."""
         self._arm(t_s, armed=bool(message.ArmState))
 
     def battery(self, t_s: float, message: Any) -> None:
@@ -114,16 +109,15 @@ class _Vehicle:
             self._armed.append((t_s, armed))
 
     def flight(self, *, is_damaged: bool) -> LoggedFlight:
-        """Return the flight."""
         named = next((match for text in self._texts if (match := _VERSION.search(text))), None)
         frame = next((match[1] for text in self._texts if (match := _FRAME.search(text))), "")
         by_class = _CLASSES.get(int(self._parameters.get("FRAME_CLASS", 0)), "")
         firmware = ""
         if named is not None:
             firmware = named[4] or f"{named[2].lstrip('V')} ({named[3]})"
-        problems = ["it is damaged: what could be read is used"] if is_damaged else []
+        problems = ["it is damaged: its readable part is used"] if is_damaged else []
         if named is not None and named[1] not in {None, "Copter"}:
-            problems.append(f"it is of Ardu{named[1]}; only multicopters are flown")
+            problems.append(f"it is a log of Ardu{named[1]}; only multicopters are flown")
         return LoggedFlight(
             kind="a log of ArduPilot",
             autopilot="ardupilot",

@@ -41,7 +41,7 @@ def read_log(path: Path) -> LoggedFlight:
         raise LogError(f"{path} {_why_not(head)}")
     flight = reader(path)
     if not flight.track and not flight.parameters:
-        raise LogError(f"{path} tells nothing of a flight: it has no positions and no parameters")
+        raise LogError(f"{path} contains no flight: it has no positions and no parameters")
     return flight
 
 
@@ -53,7 +53,7 @@ def _why_not(head: bytes) -> str:
         return "is a bag of ROS 1; convert it: mcap convert IN.bag OUT.mcap"
     if head.startswith(_SQLITE):
         return "is a bag of ROS 2 in SQLite; convert it: mcap convert IN.db3 OUT.mcap"
-    return f"is no flight log that is known (it begins with {head[:8]!r}); {_KNOWN}"
+    return f"is not a known flight log (it begins with {head[:8]!r}); {_KNOWN}"
 
 
 def _log_of_folder(folder: Path) -> Path:

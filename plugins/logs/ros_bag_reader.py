@@ -51,7 +51,7 @@ def read_ros_bag(path: Path) -> LoggedFlight:
         autopilot="px4" if is_px4 else None,
         track=track.track,
         origin=track.origin,
-        problems=("a bag does not tell parameters, firmware and arming",),
+        problems=("a bag has no parameters, firmware and arming",),
     )
 
 

@@ -52,7 +52,6 @@ def files_from_log(log: Path, name: str, *, profile: bool) -> dict[str, str]:
 def _campaign(
     flight: LoggedFlight, course: Course | None, *, name: str, log: Path, profile: bool
 ) -> str:
-    """Return the campaign file."""
     autopilot = flight.autopilot or "px4"
     yaw = 0.0 if course is None or course.yaw_rad is None else math.degrees(course.yaw_rad)
     lines = [
@@ -88,20 +87,19 @@ def _campaign(
 
 
 def _facts(flight: LoggedFlight, course: Course | None, log: Path) -> Iterator[str]:
-    """Yield comments of what the log tells, and of what it does not."""
     yield f"# From {printable(str(log))}: {flight.kind}."
-    vehicle = flight.vehicle_type or "not told; only multicopters are flown"
+    vehicle = flight.vehicle_type or "unknown; only multicopters are flown"
     yield f"# vehicle: {printable(vehicle)}"
     if flight.autopilot is None:
-        yield "# autopilot: not told; px4 is a guess"
-    yield f"# firmware: {printable(flight.firmware) or 'not told'}"
+        yield "# autopilot: unknown; px4 is a guess"
+    yield f"# firmware: {printable(flight.firmware) or 'unknown'}"
     if flight.vehicle_type not in {"", "quadrotor"}:
         yield "# The embedded vehicle is a quadrotor: it stands in for this one."
     if course is None:
-        yield "# course: not told: no position, or the vehicle never left the ground"
+        yield "# course: unknown: no position, or the vehicle never left the ground"
     else:
         yield f"# flown: {course.duration_s:.1f} s" + (
-            f"; of {course.flights} flights the longest" if course.flights > 1 else ""
+            f"; the longest of {course.flights} flights" if course.flights > 1 else ""
         )
     for problem in flight.problems:
         yield f"# {printable(problem)}"
@@ -120,7 +118,7 @@ def _vehicle(
         for name, value in moving.items():
             yield f"      {name}: {value:g}"
     elif not flight.parameters:
-        yield "    # params: not told"
+        yield "    # params: unknown"
 
 
 def _moving_parameters(
@@ -143,7 +141,7 @@ def _goal(course: Course | None) -> Iterator[str]:
     yield "  with:"
     yield "    waypoints:                # north, east, up in metres from the start; speed in m/s"
     if course is None or not course.waypoints:
-        yield f"      - [{_AHEAD_M:g}, 0, {_UP_M:g}, 0.5]        # not told: it flies ahead"
+        yield f"      - [{_AHEAD_M:g}, 0, {_UP_M:g}, 0.5]        # unknown: it flies ahead"
         yield f"goal: {{altitude_m: {_UP_M:g}, position: {_position(_AHEAD_M, 0, _UP_M)}}}"
         return
     for one in course.waypoints:
@@ -158,14 +156,13 @@ def _position(north_m: float, east_m: float, up_m: float) -> str:
 
 
 def _limits(course: Course | None) -> Iterator[str]:
-    """Yield the fence and the oracles."""
     box = ((-5, 5), (-5, 5), (-2, 8)) if course is None else course.box
     sides = zip(("north_m", "east_m", "up_m"), box, strict=True)
     text = ", ".join(f"{key}: [{low:g}, {high:g}]" for key, (low, high) in sides)
     limit_s = 60.0 if course is None else math.ceil(1.5 * course.duration_s + 30.0)
     yield "geofence:"
     yield f"  box: {{{text}}}" + (
-        "   # not told" if course is None else "   # 5 m around the course"
+        "   # a guess" if course is None else "   # 5 m around the course"
     )
     yield "oracles:"
     yield "  reached_position: {tolerance_m: 1.0}"
@@ -184,7 +181,7 @@ def _world(flight: LoggedFlight, course: Course | None) -> str:
     ]
     place = _start_place(flight, course)
     if place is None:
-        lines.append("# The log tells no place; this one is PX4's usual:")
+        lines.append("# The log has no place on Earth; this is PX4's default:")
         lines.append(_origin_text(_UNTOLD))
     else:
         lines.append(_origin_text(place))
@@ -217,7 +214,7 @@ def _autonomy() -> str:
 def _parameter_file(flight: LoggedFlight) -> str:
     """Return all parameters, as ground stations read them: a name and a value in a line."""
     rows = [f"{name},{value:.9g}" for name, value in sorted(flight.parameters.items())]
-    head = "# Parameters of the log's vehicle" if rows else "# The log tells no parameters"
+    head = "# Parameters of the log's vehicle" if rows else "# The log has no parameters"
     return "\n".join([head, *rows]) + "\n"
 
 
@@ -226,14 +223,14 @@ def _profile(battery: Battery | None, log: Path) -> str:
     shipped = files("wil_campaign.vehicles.embedded") / "profiles" / "nominal.yaml"
     document = yaml.safe_load(shipped.read_text("utf-8"))
     name = printable(log.name)
-    document["description"] = f"The vehicle of {name}; what a log does not tell is of nominal"
+    document["description"] = f"The vehicle of {name}; values that a log lacks are those of nominal"
     known: Iterable[str] = ()
     if battery is not None:
         document["battery"] |= battery.values
         known = battery.values
-    comment = f"# From {name}: battery {', '.join(known) or '(not told)'}. Of the shipped profile\n"
-    comment += "# nominal is what it does not tell: air, motors, estimator, mocap, camera, clock, "
-    comment += "sensors.\n"
+    comment = f"# From {name}: battery {', '.join(known) or '(unknown)'}. Of the shipped profile\n"
+    comment += "# nominal are the values that it lacks: air, motors, estimator, mocap, camera, "
+    comment += "clock, sensors.\n"
     return comment + yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
 
 

@@ -38,7 +38,7 @@ def read_ulog(path: Path) -> LoggedFlight:
     parameters = {name: float(value) for name, value in log.initial_parameters.items()}
     for _t_us, name, value in log.changed_parameters:
         parameters[str(name)] = float(value)
-    problems = ["it is damaged: what could be read is used"] if log.file_corruption else []
+    problems = ["it is damaged: its readable part is used"] if log.file_corruption else []
     return LoggedFlight(
         kind="a log of PX4",
         autopilot="px4",

@@ -189,7 +189,6 @@ class MavsdkLibrary:
 
 
 def _raw(number: int, item: MissionItem, which: ItemList) -> RawItem:
-    """Return a mission item as mavsdk's RawItem."""
     first, second, third, fourth = item.params
     return RawItem(
         seq=number,
@@ -210,7 +209,6 @@ def _raw(number: int, item: MissionItem, which: ItemList) -> RawItem:
 
 
 def _item(raw: Any) -> MissionItem:
-    """Return mavsdk's RawItem as a mission item."""
     return MissionItem(
         command=raw.command,
         frame=raw.frame,
@@ -231,5 +229,4 @@ def _utc_s(date: str) -> int | None:
 
 
 def _name(result: object) -> str:
-    """Return the name of a mavsdk result."""
     return result.name if isinstance(result, IntEnum) else str(result)

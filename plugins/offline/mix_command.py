@@ -1,7 +1,6 @@
 """`wil-campaign mix`: mix images, videos or recordings by a recipe, without a flight."""
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,16 +9,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.plugins.offline.calls import mix as mix_files
 from wil_campaign.plugins.offline.errors import OfflineError
-from wil_campaign.plugins.offline.file_mixing import (
-    CombinationReport,
-    MixOrder,
-    SideFiles,
-    mix_files,
-)
-from wil_campaign.recipes.language.recipe_files import load_recipe_file
+from wil_campaign.plugins.offline.file_mixing import CombinationReport
 from wil_campaign.recipes.working import StepError
-from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 
 
 @Parameter(name="*")
@@ -87,17 +80,20 @@ def mix(
         Print one JSON document.
     """
     try:
-        order = MixOrder(
-            recipe=load_recipe_file(recipe),
-            real=_side("--real-fov-deg", real, optics.real_fov_deg, optics.real_depth),
-            twin=_side("--twin-fov-deg", twin, optics.twin_fov_deg, optics.twin_depth),
+        reports = mix_files(
+            recipe,
+            real=real,
+            twin=twin,
             out=out_,
             sensor=sensor,
-            place=_place(optics.place),
+            real_fov_deg=optics.real_fov_deg,
+            twin_fov_deg=optics.twin_fov_deg,
+            real_depth=optics.real_depth,
+            twin_depth=optics.twin_depth,
+            place=_numbers(optics.place),
             stages=stages,
             frame=frame,
         )
-        reports = mix_files(order)
     except OfflineError as error:
         err(error)
         return 2
@@ -121,31 +117,16 @@ def _print_reports(reports: Sequence[CombinationReport], *, json: bool) -> int:
     return 0 if all(report.complete for report in reports) else 3
 
 
-def _side(option: str, file: Path, fov_deg: float, depth: Path | None) -> SideFiles:
-    """Return one side's input files of `mix`. Raises OfflineError."""
-    if not 0.0 < fov_deg < 180.0:
-        raise OfflineError(f"{option} {fov_deg:g}: must be an angle between 0 and 180 degrees")
-    return SideFiles(file=file, fov_deg=fov_deg, depth=depth)
-
-
-def _place(text: str | None) -> Pose:
-    """Return the camera pose of a world input of `mix`. Raises OfflineError."""
+def _numbers(text: str | None) -> tuple[float, ...] | None:
+    """Return the numbers of --place; none for what are no numbers. Raises OfflineError."""
     if text is None:
-        return AT_ORIGIN
+        return None
     try:
-        numbers = [float(part) for part in text.split(",")]
+        return tuple(float(part) for part in text.split(","))
     except ValueError:
-        numbers = []
-    if not 3 <= len(numbers) <= 5 or not all(math.isfinite(number) for number in numbers):
-        raise OfflineError(f"--place {text}: give NORTH,EAST,UP[,YAW[,PITCH]], as 0,0,1.5,90")
-    north_m, east_m, up_m, yaw_deg, pitch_deg = [*numbers, 0.0, 0.0][:5]
-    return Pose.of(
-        north_m,
-        east_m,
-        up_m,
-        yaw_rad=math.radians(yaw_deg),
-        pitch_rad=math.radians(pitch_deg),
-    )
+        raise OfflineError(
+            f"--place {text}: give NORTH,EAST,UP[,YAW[,PITCH]], as 0,0,1.5,90"
+        ) from None
 
 
 def _as_text(report: CombinationReport) -> str:

@@ -4,21 +4,14 @@ import json
 from pathlib import Path
 from typing import Annotated
 
-import cv2
-import numpy as np
 from cyclopts import Parameter
 
 from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.plugins.offline.calls import replay
 from wil_campaign.plugins.offline.errors import OfflineError
-from wil_campaign.plugins.offline.mixture_outputs import VideoOut, is_run_folder, write_image
-from wil_campaign.plugins.offline.offline_pairing import MixedPair
-from wil_campaign.plugins.offline.recorded_inputs import recording_file
-from wil_campaign.plugins.offline.replay import Replayed, ReplayReport, replay
-from wil_campaign.recipes.language.recipe_files import load_recipe_file
+from wil_campaign.plugins.offline.replay import Replayed, ReplayReport
 from wil_campaign.recipes.working import StepError
-from wil_campaign.vehicles.readings import BgrImage, CameraReading
 
-_VIDEO_HZ = 30.0
 _SHOWN = 5
 
 
@@ -51,15 +44,7 @@ def replay_run(
         Print one JSON document.
     """
     try:
-        other = None if recipe is None else load_recipe_file(recipe)
-        if out_ is None:
-            report = replay(run, other, trusted=trust)
-        else:
-            _refuse_folder_of_run(out_, run)
-            out_.mkdir(parents=True, exist_ok=True)
-            with _ReplayVideo(out_ / "mixed.mp4") as video:
-                report = replay(run, other, trusted=trust, on_mixture=video.take)
-            _write_worst(report, out_)
+        report = replay(run, recipe=recipe, trust=trust, out=out_)
     except OfflineError as error:
         err(error)
         return 2
@@ -72,46 +57,6 @@ def replay_run(
     if report.diverges:
         return 1
     return 0 if report.compared else 3
-
-
-def _refuse_folder_of_run(folder: Path, run: Path) -> None:
-    """Raise OfflineError for an output folder whose video would replace that of a flight."""
-    own = recording_file(run).parent
-    if folder.resolve() == own.resolve() or is_run_folder(folder):
-        raise OfflineError(f"--out {folder}: is the folder of a recorded run; name another folder")
-
-
-class _ReplayVideo(VideoOut):
-    """The video that `replay` writes: of the first combination with images."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path, rate_hz=_VIDEO_HZ)
-        self._name: str | None = None
-
-    def take(self, name: str, pair: MixedPair) -> None:
-        """Append a replayed image to the video, unless it is of another combination."""
-        if isinstance(pair.mixed.reading, CameraReading):
-            self._name = self._name or name
-            if name == self._name:
-                super().take(name, pair)
-
-
-def _write_worst(report: ReplayReport, folder: Path) -> None:
-    """Write the images of replay's worst divergences."""
-    for one in report.combinations:
-        if one.worst is None:
-            continue
-        _, recorded, again = one.worst
-        if isinstance(recorded, CameraReading) and isinstance(again, CameraReading):
-            write_image(folder / f"worst-{one.name}.png", _side_by_side(recorded, again))
-
-
-def _side_by_side(recorded: CameraReading, again: CameraReading) -> BgrImage:
-    """Return a recorded and a replayed image side by side, with their difference."""
-    if recorded.image_bgr.shape != again.image_bgr.shape:
-        return again.image_bgr
-    apart = cv2.absdiff(recorded.image_bgr, again.image_bgr)
-    return np.hstack([recorded.image_bgr, again.image_bgr, apart]).astype(np.uint8)
 
 
 def _as_text(report: ReplayReport) -> str:

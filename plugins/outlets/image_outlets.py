@@ -69,7 +69,6 @@ def observe(setup: RunSetup, given: DeliverySetups, _events: Mapping[str, float]
 
 
 def _outlets(setup: RunSetup, given: DeliverySetups) -> Iterator[Outlet]:
-    """Yield the image outlets of the vehicles that a run has."""
     there = {vehicle.name: vehicle for vehicle in setup.with_sensors}
     for outlet in given.outlets:
         perceived = outlet.of == "perceived"
@@ -111,7 +110,6 @@ def image_delivery(outlet: ImageOutlet, camera: CameraSetup, *, sdp_path: Path |
 
 
 def _result(delivery: Delivery) -> OutletResult:
-    """Return the result of one image outlet."""
     counts = delivery.counts
     return OutletResult(
         name=delivery.name,

@@ -83,7 +83,6 @@ def _outlet(
 
 
 def _vehicle_of(outlet: ImageOutlet, mode: Mode) -> VehicleName:
-    """Return which vehicle's images an external image outlet delivers in a mode."""
     if outlet.of == "perceived":
         return outlet.vehicle or FLIES[mode][0]
     return outlet.of

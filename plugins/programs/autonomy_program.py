@@ -155,7 +155,6 @@ class ExternalAutonomy:
                 process.kill()
 
     def _processes(self) -> list[psutil.Process]:
-        """Return the program's process, which may be a supervisor, and all below it."""
         if self._child is None or self._child.pid is None:
             return []
         try:

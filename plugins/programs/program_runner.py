@@ -253,7 +253,6 @@ def program_runner(
 
 
 def _video(camera: CameraSetup, sdp: Path) -> ProgramVideo:
-    """Return the video of a camera for the program, by RTP."""
     size = camera.intrinsics
     delivery = rtp_delivery(
         width_px=size.width_px,

@@ -33,7 +33,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--wil-out",
         default="results",
         metavar="DIR",
-        help="the folder beneath which the results of campaigns go (default: results)",
+        help="the folder for the results of campaigns (default: results)",
     )
     group.addoption(
         "--wil-set",

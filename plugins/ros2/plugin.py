@@ -1,6 +1,6 @@
 """What the plugin ros2 adds."""
 
-from wil_campaign.hooks import AutonomyKind, implements
+from wil_campaign.hooks import AutonomyKind, Command, StarterOption, implements
 
 
 @implements
@@ -14,5 +14,29 @@ def autonomy_kinds() -> tuple[AutonomyKind, ...]:
             setup="wil_campaign.plugins.ros2.ros2_autonomy:Ros2Autonomy",
             open="wil_campaign.plugins.ros2.node_flight:open_node",
             noun="ROS 2 node",
+        ),
+    )
+
+
+@implements
+def commands() -> tuple[Command, ...]:
+    """Return the command `export`."""
+    return (
+        Command(
+            "export",
+            "wil_campaign.plugins.ros2.bags.export_command:export",
+            "Write a recorded run as a bag of ROS 2.",
+        ),
+    )
+
+
+@implements
+def starter_options() -> tuple[StarterOption, ...]:
+    """Return the option of `init` for a campaign with a node."""
+    return (
+        StarterOption(
+            "ros2",
+            "wil_campaign.plugins.ros2.starter:node_files",
+            "Write a campaign whose autonomy is a ROS 2 node, with such a node.",
         ),
     )

@@ -16,11 +16,10 @@ Distribution = Literal["humble", "iron", "jazzy", "kilted"]
 WireName = Literal["zenoh", "rclpy"]
 _TOPIC = re.compile(r"/[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 _STARTS = ("command", "run", "launch", "found")
-_INSTALL = "pip install 'wil-campaign[ros2]'"
+INSTALL = "pip install 'wil-campaign[ros2]'"
 
 
 def _is_topic(name: str) -> str:
-    """Refuse what is no absolute name of a topic."""
     if not _TOPIC.fullmatch(name):
         raise ValueError(
             f"'{name}' is no topic: begin with / and use letters, digits and _ between slashes"
@@ -107,7 +106,7 @@ class Ros2Part(Part):
             yield KeyFaultError("launch", f"there is no file '{self.launch}' beside the campaign")
         missing = [name for name in ("rosbags", "zenoh") if find_spec(name) is None]
         if "rosbags" in missing or (self.wire == "zenoh" and missing):
-            yield KeyFaultError("wire", f"needs {' and '.join(missing)}: {_INSTALL}")
+            yield KeyFaultError("wire", f"needs {' and '.join(missing)}: {INSTALL}")
         if self.wire == "rclpy" and _program_path(self.python, folder) is None:
             yield KeyFaultError("python", f"there is no program '{self.python}'")
 

@@ -1,5 +1,6 @@
 """`wil-campaign search`: searches for variants of a campaign that fail."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -7,27 +8,23 @@ from cyclopts import Parameter
 
 from wil_campaign.campaigns.expansion.expansion import Options
 from wil_campaign.campaigns.setup.bench_file import load_benches
-from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError, require_writable
-from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
+from wil_campaign.orchestrator.campaign.display_thread import Display
+from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
 from wil_campaign.orchestrator.campaign.resuming.resumption import ResumeError
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL, EngineError
-from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
-from wil_campaign.orchestrator.cli.arming_consent import RefusedError, clear
-from wil_campaign.orchestrator.cli.engine_flight import check_engine, on_engine, result_store
+from wil_campaign.orchestrator.cli.arming_consent import RefusedError
+from wil_campaign.orchestrator.cli.engine_flight import check_engine, result_store
 from wil_campaign.orchestrator.cli.progress_display import display_of, plain_console
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.model.clock import Clock
 from wil_campaign.orchestrator.operator.errors import OperatingError
-from wil_campaign.plugins.search.engine import BatchEngine
 from wil_campaign.plugins.search.errors import SearchError
-from wil_campaign.plugins.search.exploration.search import most_flights
 from wil_campaign.plugins.search.exploration.search_campaign import SearchCampaign
-from wil_campaign.plugins.search.exploration.search_file import load_search
 from wil_campaign.plugins.search.exploration.strategies import MissingExtraError
-from wil_campaign.plugins.search.report import search_report
 from wil_campaign.plugins.search.search_document import FILE_NAME
-from wil_campaign.plugins.search.search_runner import SearchOutcome, fly_search
+from wil_campaign.plugins.search.search_flight import fly_file, write_report
+from wil_campaign.plugins.search.search_runner import SearchOutcome
 from wil_campaign.plugins.search.search_text import search_text
 
 
@@ -55,7 +52,7 @@ def search(
     file
         The campaign file.
     out_
-        The folder beneath which the results go: DIR/<campaign>/search/<UTC start>/.
+        The folder for the results: DIR/<campaign>/search/<UTC start>/.
     seed
         The seed from which proposals and runs derive.
     set_
@@ -86,14 +83,7 @@ def search(
         selection = Options(
             seed=seed, sets=set_, is_autonomy_isolated=True, benches=load_benches(bench_file)
         )
-        found = load_search(file, selection)
-        _refuse_attached(found)
-        require_writable(out_, junit=None)
-        start_run_server()
-        here = clear(found.flown, options)
-        most = most_flights(found.problem(at_once=here.jobs))
-        with on_engine(found.flown, options, here, runs=most, again=True) as cleared:
-            outcome = _fly(found, options, cleared, json=json_)
+        found, outcome = fly_file(file, selection, options, partial(_display, json=json_))
     except (OutputError, OperatingError) as error:
         err(error)
         return 3
@@ -107,40 +97,14 @@ def search(
     return outcome.exit_code
 
 
-def _refuse_attached(found: SearchCampaign) -> None:
-    """Raise RefusedError where the budget has a mode in which an attached vehicle flies."""
-    attached = attached_vehicles(found.flown)
-    if not attached:
-        return
-    names = " and ".join(one.name for one in attached)
-    where = "".join(f" of bench {bench.name}" for bench in found.campaign.benches)
-    raise RefusedError(
-        f"{names}{where}: a search flies no attached vehicle, because no person brings it back to "
-        "its start between proposals; give a budget to mode sim alone, and fly the files of "
-        "failures by `run`",
-        2,
-    )
-
-
-def _fly(
-    found: SearchCampaign, options: FlightOptions, cleared: Cleared, *, json: bool
-) -> SearchOutcome:
-    """Fly a search with a progress display."""
-    most = most_flights(found.problem(at_once=cleared.jobs))
-    display = display_of(json=json, total=most)
-    with display:
-        strategy = found.part.strategy
-        display.say(
-            f"{found.campaign.name}: search by {strategy}, at most {most} flights, "
-            f"{cleared.jobs} at a time, {cleared.clock} clock"
-        )
-        engine = BatchEngine(cleared=cleared, watcher=display)
-        return fly_search(found, options, cleared, engine, display.say)
+def _display(total: int, *, json: bool) -> Display:
+    """Return the progress display of at most `total` flights."""
+    return display_of(json=json, total=total)
 
 
 def _print(found: SearchCampaign, outcome: SearchOutcome, *, json: bool) -> None:
     """Print the result of a search, and where its report and its results are."""
-    report = _write_report(found, outcome)
+    report = write_report(found, outcome, err)
     if json:
         out((outcome.folder / FILE_NAME).read_text("utf-8").rstrip())
         return
@@ -149,14 +113,3 @@ def _print(found: SearchCampaign, outcome: SearchOutcome, *, json: bool) -> None
     if report is not None:
         console.print(f"report: {report}")
     console.print(f"results: {outcome.folder}")
-
-
-def _write_report(search: SearchCampaign, outcome: SearchOutcome) -> Path | None:
-    """Write the report of a search; return its path, or None after an error message."""
-    try:
-        return search_report.write_search_page(search, outcome)
-    except Exception as error:  # noqa: BLE001 - the flights are over, and their results are whole
-        why = f"{type(error).__name__}: {error}"
-        name = search_report.FILE_NAME
-        err(f"ERROR: {name} was not written ({why}); the results are complete without it")
-        return None

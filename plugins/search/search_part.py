@@ -32,7 +32,7 @@ class ParameterPart(Part):
         if self.choices is not None:
             for name, key in (("from_", "from"), ("to", "to"), ("integer", "integer")):
                 if name in self.model_fields_set:
-                    raise KeyFaultError(key, "has no effect beside choices")
+                    raise KeyFaultError(key, "has no effect with choices")
             return self
         if self.from_ is None or self.to is None:
             raise ValueError("give from and to, or choices")
@@ -71,7 +71,6 @@ class BudgetPart(Part):
 
     @model_validator(mode="after")
     def _some(self) -> Self:
-        """Require a mode."""
         if self.sim is None and self.wil is None and self.real is None:
             raise ValueError("give flights for at least one mode: {sim: 60}")
         return self

@@ -17,8 +17,7 @@ from wil_campaign.campaigns.expansion.expansion import RunPlan
 from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
-    LidarPointsSetup,
-    LidarSetup,
+    OtherSetup,
     SensorSetup,
 )
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME
@@ -37,6 +36,7 @@ from wil_campaign.vehicles.sensors.beams import (
     grid_directions,
     plane_directions,
 )
+from wil_campaign.vehicles.sensors.lidar import LidarOptions, LidarPointsOptions
 from wil_campaign.vehicles.sensors.world_views import WorldRays
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, matrix_from_quat
@@ -196,22 +196,16 @@ def _rays_of(sensor: SensorSetup) -> _SensorRays | None:
         case DepthSetup():
             directions, columns = _image_rays(sensor.intrinsics)
             return _ranging_rays(sensor.name, directions, columns, sensor.mount.camera_pose)
-        case LidarSetup():
-            pattern = sensor.pattern
+        case OtherSetup(options=LidarOptions(pattern=pattern), mount=mount):
             directions = plane_directions(pattern.start_angle_rad, pattern.step_rad, pattern.beams)
             beams = np.arange(pattern.beams) * SECTORS // pattern.beams
-            return _ranging_rays(
-                sensor.name, directions, beams, lambda body: body.compose(sensor.mount)
-            )
-        case LidarPointsSetup():
-            grid = sensor.pattern
+            return _ranging_rays(sensor.name, directions, beams, lambda body: body.compose(mount))
+        case OtherSetup(options=LidarPointsOptions(pattern=grid), mount=mount):
             turn = 2.0 * math.pi * np.arange(grid.columns) / grid.columns - math.pi
             rings = np.linspace(grid.lowest_rad, grid.highest_rad, grid.rings)
             directions = grid_directions(turn, rings)
             turned = np.repeat(np.arange(grid.columns) * SECTORS // grid.columns, grid.rings)
-            return _ranging_rays(
-                sensor.name, directions, turned, lambda body: body.compose(sensor.mount)
-            )
+            return _ranging_rays(sensor.name, directions, turned, lambda body: body.compose(mount))
     return None
 
 
@@ -221,7 +215,6 @@ def _ranging_rays(
     sectors: NDArray[np.int64],
     pose: Callable[[Pose], Pose],
 ) -> _SensorRays:
-    """Return the rays of a ranging sensor."""
     return _SensorRays(
         sensor=name, directions=directions, sectors=sectors, pose=pose, finds_objects=False
     )

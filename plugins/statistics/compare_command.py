@@ -1,33 +1,25 @@
 """`wil-campaign compare`: whether a case became worse since earlier flights."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from wil_campaign.orchestrator.cli.markdown import markdown_table, markdown_text
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import table
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
-from wil_campaign.plugins.statistics.comparison.baseline import (
-    FlownSet,
-    read_baseline,
-    read_flown,
-)
-from wil_campaign.plugins.statistics.comparison.comparison import Comparison, Limits, cells_of
-from wil_campaign.plugins.statistics.comparison.comparison import compare as compare_flights
+from wil_campaign.plugins.statistics.comparison.baseline import FlownSet
+from wil_campaign.plugins.statistics.comparison.comparison import Comparison
 from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
-from wil_campaign.plugins.statistics.comparison.settings import (
-    SettingsChanges,
-    firmware_changes_since,
-    settings_changes,
-)
+from wil_campaign.plugins.statistics.comparison.folder_comparison import FolderComparison
+from wil_campaign.plugins.statistics.comparison.folder_comparison import compare as compare_folders
 from wil_campaign.worlds.files.problems import printable
 
+_HEAD = ("case", "mode", "what", "before", "after", "flights", "p", "")
 _Share = Annotated[float, Parameter(validator=Number(gt=0.0, lt=1.0))]
 
 
@@ -42,6 +34,7 @@ def compare(
     removed: Annotated[bool, Parameter(negative=())] = False,
     changed: Annotated[bool, Parameter(negative=())] = False,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    markdown: Annotated[bool, Parameter(negative=())] = False,
 ) -> int:
     """Compare two campaigns: exit code 1 when a case became worse beyond chance and size.
 
@@ -49,7 +42,7 @@ def compare(
     the judged campaign was stopped, failed outside of its runs, or does not record its end; a
     control of it did not end as expected, so that its passes show nothing; a shared case, or a
     larger share of its flights than before, proves nothing; AFTER lacks a case, an oracle or a
-    control of BEFORE and --removed is not given; or it was flown by other limits, worlds, files
+    control of BEFORE and --removed is not given; or it was flown with other limits, worlds, files
     or another firmware and --changed is not given.
 
     Parameters
@@ -71,60 +64,70 @@ def compare(
     removed
         Accept that cases, oracles and controls of BEFORE are missing in AFTER.
     changed
-        Accept that AFTER was flown by other limits, worlds, files, options or another firmware than
+        Accept that AFTER was flown with other limits, worlds, files, options or firmware than
         BEFORE. What differs is named either way; the autonomy, code, versions of this program and
         parameters in the vehicle never count.
     json_
         Print one JSON document.
+    markdown
+        Print Markdown, as a comment in a pull request.
     """
+    if json_ and markdown:
+        err("--json and --markdown are two forms of one output: give one of them")
+        return 2
     try:
-        judged = read_flown(after)
-        baseline = read_baseline(before, last=last, before=after)
-        limits = Limits(worse_by, margin_by, confidence)
-        found = compare_flights(cells_of(baseline.runs), cells_of(judged.runs), limits)
-        gone = tuple(one for one in baseline.controls if one not in judged.controls)
-        settings = _settings(baseline, judged)
+        compared = compare_folders(
+            before,
+            after,
+            worse_by=worse_by,
+            margin_by=margin_by,
+            confidence=confidence,
+            last=last,
+        )
     except (ResultsFolderError, ComparisonError) as error:
         err(printable(str(error)))
         return 2
-    problems = [*baseline.problems, *judged.problems]
-    is_less = found.is_less or bool(gone or settings.removed)
-    as_text = _as_json if json_ else partial(_as_text, after=after)
-    out(as_text(found, baseline, gone=gone, settings=settings))
-    if is_less and not removed:
+    if json_:
+        out(_as_json(compared))
+    else:
+        out((_as_markdown if markdown else _as_text)(compared, after=after))
+    if compared.is_less and not removed:
         err(
             "AFTER lacks cases, oracles, controls or settings of BEFORE; give --removed if that is "
             "intended"
         )
-    if settings.changed and not changed:
-        err("AFTER was flown by other settings than BEFORE; give --changed if that is intended")
-    for text in (*problems, *baseline.endings, *baseline.unmet, *judged.endings, *judged.unmet):
+    if compared.settings.changed and not changed:
+        err("AFTER was flown with other settings than BEFORE; give --changed if that is intended")
+    for text in compared.problems:
         err(printable(text))
-    if problems or judged.endings or judged.unmet or found.unproven or found.fewer_proven:
-        return 3
-    if (is_less and not removed) or (settings.changed and not changed):
-        return 3
-    return 1 if found.worse else 0
+    return compared.exit_code(removed=removed, changed=changed)
 
 
-def _settings(baseline: FlownSet, judged: FlownSet) -> SettingsChanges:
-    """Return how the settings differ; nothing where a manifest cannot be read, a problem itself."""
-    (now,) = judged.manifests.values() or ({},)
-    firmware = firmware_changes_since(baseline.runs_by_folder, judged.runs)
-    return (settings_changes(baseline.manifests, now) if now else SettingsChanges()) + firmware
-
-
-def _as_text(
-    found: Comparison,
-    baseline: FlownSet,
-    *,
-    gone: Sequence[str],
-    settings: SettingsChanges,
-    after: Path,
-) -> str:
+def _as_text(compared: FolderComparison, *, after: Path) -> str:
     """Return the comparison as a table and sentences."""
-    head = ("case", "mode", "what", "before", "after", "flights", "p", "")
-    rows = [
+    head = f"{after.name} against {_names(compared.baseline)}"
+    below = "\n".join(map(printable, _sentences(compared)))
+    return f"{printable(head)}\n\n{table(_HEAD, _rows(compared.found))}\n\n{below}"
+
+
+def _as_markdown(compared: FolderComparison, *, after: Path) -> str:
+    """Return the comparison as Markdown: the conclusion, the table, the rest as a list."""
+    *lines, last = _sentences(compared)
+    against = f"{after.name} against {_names(compared.baseline)}"
+    parts = [f"### {markdown_text(last)}", markdown_text(against)]
+    parts += [markdown_table(_HEAD, _rows(compared.found))]
+    parts += ["\n".join(f"- {markdown_text(line)}" for line in lines)] if lines else []
+    return "\n\n".join(parts)
+
+
+def _names(baseline: FlownSet) -> str:
+    """Return the names of the folders of the baseline."""
+    return ", ".join(path.name for path in baseline.folders)
+
+
+def _rows(found: Comparison) -> list[tuple[str, ...]]:
+    """Return the cells of the table of changes."""
+    return [
         (
             one.case,
             one.mode,
@@ -137,14 +140,17 @@ def _as_text(
         )
         for one in found.changes
     ]
-    names = ", ".join(path.name for path in baseline.folders)
-    lines = [f"{after.name} against {names}", "", table(head, rows), ""]
-    lines += [f"same seed, other verdict: {text}" for text in found.flips]
+
+
+def _sentences(compared: FolderComparison) -> list[str]:
+    """Return what is to say beside the table; the last one is the conclusion."""
+    found, settings = compared.found, compared.settings
+    lines = [f"same seed, other verdict: {text}" for text in found.flips]
     lines += [f"proves nothing in one of them: {cell}" for cell in found.unproven]
     lines += [f"more flights that prove nothing: {text}" for text in found.fewer_proven]
     lines += [f"not flown any more: {cell}" for cell in found.only_before]
     lines += [f"not judged any more: {text}" for text in found.removed_oracles]
-    lines += [f"control not flown any more: {text}" for text in gone]
+    lines += [f"control not flown any more: {text}" for text in compared.removed_controls]
     lines += [f"not set any more: {text}" for text in settings.removed]
     lines += [f"other settings: {text}" for text in settings.changed]
     lines += [f"also changed: {text}" for text in settings.named]
@@ -154,7 +160,7 @@ def _as_text(
     last = f"worse: {', '.join(worse)}" if worse else "nothing became worse beyond chance and size"
     if undecided:
         last += f"; {undecided} lost more than the limit, which may be chance: fly more"
-    return "\n".join(printable(line) if "\n" not in line else line for line in [*lines, last])
+    return [*lines, last]
 
 
 def _figure_text(value: float, unit: str, *, is_beyond: bool) -> str:
@@ -162,15 +168,13 @@ def _figure_text(value: float, unit: str, *, is_beyond: bool) -> str:
     return f"{'> ' if is_beyond else ''}{value:.3g} {unit}".rstrip()
 
 
-def _as_json(
-    found: Comparison, baseline: FlownSet, *, gone: Sequence[str], settings: SettingsChanges
-) -> str:
+def _as_json(compared: FolderComparison) -> str:
     """Return the comparison as JSON."""
     document = {
         "schema": "wil/comparison/1",
-        "baseline": [str(one) for one in baseline.folders],
-        **asdict(found),
-        "removed_controls": list(gone),
-        "settings": asdict(settings),
+        "baseline": [str(one) for one in compared.baseline.folders],
+        **asdict(compared.found),
+        "removed_controls": list(compared.removed_controls),
+        "settings": asdict(compared.settings),
     }
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)

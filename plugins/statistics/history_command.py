@@ -1,8 +1,7 @@
 """`wil-campaign history`: campaigns over time."""
 
 import json
-import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -12,26 +11,9 @@ from cyclopts import Parameter
 from wil_campaign.campaigns.statistics.proportions import Interval
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import table
-from wil_campaign.orchestrator.model.document_writer import write_whole
-from wil_campaign.orchestrator.reading.errors import ResultsFolderError
-from wil_campaign.orchestrator.reading.results_folder import read_campaign
-from wil_campaign.orchestrator.recording.timestamps import utc_text
-from wil_campaign.plugins.statistics.comparison.baseline import results_folders
-from wil_campaign.plugins.statistics.history.history import (
-    HistoryRow,
-    Variation,
-    history_rows,
-    variations,
-)
-from wil_campaign.plugins.statistics.history.history_page import render_history
-from wil_campaign.plugins.statistics.history.records import (
-    FlightRecord,
-    HistoryFileError,
-    append_records,
-    latest,
-    read_records,
-    records_of,
-)
+from wil_campaign.plugins.statistics.history.folder_history import history as read_history
+from wil_campaign.plugins.statistics.history.history import HistoryRow, Variation
+from wil_campaign.plugins.statistics.history.records import HistoryFileError
 from wil_campaign.worlds.files.problems import printable
 
 _DEFAULT = (Path("results"),)
@@ -48,7 +30,7 @@ def history(
 ) -> int:
     """Show pass rates, margins and durations of campaigns over time.
 
-    Flights by other settings (limits, controls, worlds, files) or another firmware than those
+    Flights with other settings (limits, controls, worlds, files) or another firmware than those
     before are marked. Flaky
     are cases that ended differently under the same seed and inputs; stochastic those that did under
     different seeds. Exit code 2: there is nothing to show, or the file of --keep is damaged; 3: a
@@ -68,53 +50,21 @@ def history(
     json_
         Print one JSON document.
     """
-    problems: list[str] = []
     try:
-        known = read_records(keep) if keep is not None else []
-        before = set(known)  # also earlier lines: an old copy of a folder is no news
-        new = [one for one in latest(_read(folders, problems)) if one not in before]
-        if keep is not None:
-            append_records(keep, new)
-        records = [one for one in latest([*known, *new]) if campaign in {None, one.campaign}]
-        if not records:
-            where = ", ".join(str(one) for one in folders)
-            problems.append(f"no flights of a campaign in {where}")
-        rows, varied = history_rows(records), variations(records)
-        if records and page is not None:
-            write_whole(page, render_history(rows, varied, made_utc=utc_text(time.time())))
+        found = read_history(*folders, keep=keep, campaign=campaign)
+        if found.rows and page is not None:
+            found.write_page(page)
     except HistoryFileError as error:
         err(printable(str(error)))
         return 2
     except OSError as error:
         err(f"{page} cannot be written: {error.strerror or error}")
         return 3
-    if records:
-        out(_as_json(rows, varied) if json_ else _as_text(rows, varied))
-    for text in problems:
+    if found.rows:
+        out((_as_json if json_ else _as_text)(found.rows, found.variations))
+    for text in found.problems:
         err(printable(text))
-    return 2 if not records else 3 if problems else 0
-
-
-def _read(folders: Iterable[Path], problems: list[str]) -> list[FlightRecord]:
-    """Return the flights at and beneath folders; unreadable ones are added to the problems."""
-    found: list[FlightRecord] = []
-    for folder in folders:
-        if not folder.is_dir():
-            problems.append(f"{folder} is not a folder")
-            continue
-        for path in results_folders(folder):
-            try:
-                documents = read_campaign(path)
-            except ResultsFolderError as error:
-                problems.append(str(error))
-                continue
-            damaged = (*documents.problems, *documents.run_problems)
-            problems += [f"{path}: {text}" for text in damaged]
-            summary = documents.summary
-            if summary is not None and (summary.stopped or summary.broken):
-                problems.append(f"{path}: {summary.ending}")
-            found += records_of(documents)
-    return found
+    return 2 if not found.rows else 3 if found.problems else 0
 
 
 def _as_text(rows: Sequence[HistoryRow], varied: Sequence[Variation]) -> str:

@@ -93,7 +93,7 @@ def _as_text(found: AttachedVehicle, flown: Flown) -> str:
 def _estimate_text(off_m: float | None) -> str:
     """Return how far the estimate was from the truth, and what follows for `pose_source`."""
     if off_m is None:
-        return "its simulator sent no ground truth: how far its estimate is off is not known"
+        return "its simulator sent no ground truth: the error of its estimate is unknown"
     judged = "" if off_m < _EXACT_M else "; judge it by its ground truth (pose_source: simulator)"
     return f"its estimate was up to {off_m:.2f} m from its simulator's ground truth{judged}"
 

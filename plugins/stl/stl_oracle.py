@@ -30,6 +30,7 @@ from wil_campaign.safety.model.samples import (
     FenceSample,
     LinkSample,
     PoseSample,
+    ReferenceSample,
     StageSample,
     StateSample,
 )
@@ -80,6 +81,7 @@ class Stl(Oracle):
         mixed = has_several_units(self._formula, self._kinds)
         self._monitor = StlMonitor(self._formula, mixed=mixed)
         self._pair_distance = PairDistance()
+        self._judged: PoseSample | None = None
         self._last_sample_s: float | None = None
         self._next_check_s = 0.0
         self._flagged = False
@@ -95,6 +97,7 @@ class Stl(Oracle):
         pair_distance_m = self._pair_distance.take(sample)
         if sample.vehicle != self.vehicle:
             return NO_FLAGS
+        self._judged = sample
         for name, signal in self._used.items():
             if signal.of_pose is not None:
                 self._trace.note(name, signal.of_pose(sample))
@@ -113,6 +116,17 @@ class Stl(Oracle):
                 self._trace.note(name, signal.of_state(sample))
         if self.stages.open:
             self._add_row(sample.t_s)
+        return NO_FLAGS
+
+    def on_reference(self, sample: ReferenceSample) -> Flags:
+        """Record a pose by another source for the formula, as the vehicle's estimate."""
+        if sample.vehicle != self.vehicle or self._judged is None:
+            return NO_FLAGS
+        for name, signal in self._used.items():
+            if signal.of_reference is not None:
+                value = signal.of_reference(self._judged, sample)
+                if value is not None:
+                    self._trace.note(name, value)
         return NO_FLAGS
 
     def on_received(self, sample: LinkSample) -> Flags:

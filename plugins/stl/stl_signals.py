@@ -1,25 +1,29 @@
 """The signals that STL formulas may name, and how samples give their values."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import get_args
 
 from wil_campaign.plugins.stl.units import SignalKind
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.model import signals
-from wil_campaign.safety.model.samples import PoseSample, StateSample
+from wil_campaign.safety.model.samples import PoseSample, ReferenceSample, StateSample
 from wil_campaign.safety.oracles.autopilot_health import ModeName
 from wil_campaign.safety.oracles.contact import Limits
 from wil_campaign.safety.oracles.oracle import MotionName, OracleContext, Probe, Stages
 from wil_campaign.safety.oracles.pair import extrapolated_ned_m
 from wil_campaign.vehicles.driver.vehicle_state import ReportName
-from wil_campaign.worlds.frames import norm, subtract
+from wil_campaign.worlds.frames import heading_of, norm, subtract
 
 _FARTHEST_M = 1e5
 """The clearance where no object is near."""
 
 OfPose = Callable[[PoseSample], float]
 OfState = Callable[[StateSample], float | None]
+OfReference = Callable[[PoseSample, ReferenceSample], float | None]
+"""Of the newest judged pose, and of a pose by another source."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +35,7 @@ class Signal:
     of_state: OfState | None = None
     of_both: bool = False
     """Whether the other vehicle's poses are needed too: `PairDistance` computes it."""
+    of_reference: OfReference | None = None
     of_silence: bool = False
     """Whether it is the time since something was last received from the vehicle."""
 
@@ -77,6 +82,41 @@ _OF_STATE: dict[str, tuple[SignalKind, OfState]] = {
         for mode in get_args(ModeName)
     },
 }
+
+
+def _error_m(judged: PoseSample, other: ReferenceSample) -> float:
+    """Return the distance between two sources; the judged pose at the time of the other."""
+    return norm(subtract(extrapolated_ned_m(judged, other.t_s), other.position_ned_m))
+
+
+def _speed_error_m_s(judged: PoseSample, other: ReferenceSample) -> float:
+    return norm(subtract(judged.velocity_ned_m_s, other.velocity_ned_m_s))
+
+
+def _heading_error_deg(judged: PoseSample, other: ReferenceSample) -> float | None:
+    if other.q_wxyz is None:
+        return None
+    turned_rad = judged.pose.yaw_rad - heading_of(other.q_wxyz)
+    return abs(math.degrees(math.remainder(turned_rad, math.tau)))
+
+
+_OF_ESTIMATE: dict[str, tuple[SignalKind, OfReference]] = {
+    "estimate_error_m": (
+        SignalKind("m", "distance of its own estimate from the judged pose, or from the truth"),
+        _error_m,
+    ),
+    "estimate_speed_error_m_s": (
+        SignalKind("m/s", "the same of the velocity, along all axes"),
+        _speed_error_m_s,
+    ),
+    "estimate_heading_error_deg": (
+        SignalKind("deg", "the same of the heading"),
+        _heading_error_deg,
+    ),
+}
+_TRUE_SOURCES = frozenset({"truth", "simulator"})
+_COMPARED_WITHIN_S = 0.5
+"""A judged pose farther from the time of the other tells nothing of the difference."""
 _REPORTS: Mapping[str, ReportName] = {
     "battery_percent": "battery",
     "battery_v": "battery",
@@ -91,6 +131,9 @@ _MOTION: Mapping[str, MotionName] = {
     "pitch_deg": "attitude",
     "yaw_deg": "attitude",
     "tilt_deg": "attitude",
+    "estimate_error_m": "velocity",
+    "estimate_speed_error_m_s": "velocity",
+    "estimate_heading_error_deg": "attitude",
 }
 CLEARANCE = SignalKind(
     "m", "distance to the nearest object; floors count between at_height and land"
@@ -113,6 +156,7 @@ def signal_docs() -> dict[str, SignalKind]:
         "goal_distance_m": GOAL_DISTANCE,
         TWIN_DISTANCE_NAME: TWIN_DISTANCE,
         "silence_s": SILENCE,
+        **{name: kind for name, (kind, _) in _OF_ESTIMATE.items()},
         **{name: kind for name, (kind, _) in _OF_STATE.items()},
     }
 
@@ -131,6 +175,10 @@ def signals_of(context: OracleContext, stages: Stages) -> dict[str, Signal]:
     """Return the STL signals of one vehicle in one run. stages: of the oracle."""
     found = {name: Signal(kind, of_pose=of) for name, (kind, of) in _OF_POSE.items()}
     found |= {name: Signal(kind, of_state=of) for name, (kind, of) in _OF_STATE.items()}
+    found |= {
+        name: Signal(kind, of_reference=partial(_estimate_error, context.pose_source, of))
+        for name, (kind, of) in _OF_ESTIMATE.items()
+    }
     found["silence_s"] = Signal(SILENCE, of_silence=True)
     if (probe_of := context.probe_of) is not None and context.things:
         found["clearance_m"] = Signal(CLEARANCE, of_pose=_Nearest(context, stages))
@@ -148,6 +196,19 @@ def signals_of(context: OracleContext, stages: Stages) -> dict[str, Signal]:
     if context.mode == "wil":
         found[TWIN_DISTANCE_NAME] = Signal(TWIN_DISTANCE, of_both=True)
     return found
+
+
+def _estimate_error(
+    pose_source: str, of: OfReference, judged: PoseSample, other: ReferenceSample
+) -> float | None:
+    """Return an error of the vehicle's estimate; None where the other source is none of it.
+
+    The estimate is the other one, unless it judges itself: then the truth of a simulation is.
+    """
+    is_estimate = other.source == "mavlink"
+    if not (is_estimate or (pose_source == "mavlink" and other.source in _TRUE_SOURCES)):
+        return None
+    return of(judged, other) if abs(judged.t_s - other.t_s) <= _COMPARED_WITHIN_S else None
 
 
 class FenceMargin:

@@ -15,11 +15,14 @@ from pydantic import model_validator
 from wil_campaign.hooks import recipe_steps
 from wil_campaign.installed_plugins import loaded
 from wil_campaign.recipes.working import Built, Need, Side
+from wil_campaign.vehicles.readings import sensor_names
 from wil_campaign.worlds.files.documents import Part, Path, closest
 
 Stage = Literal["transform", "filter", "merge"]
 OWN_STEP = "use"
 """Name of the step that calls the user's code, in every stage."""
+EVERY_SENSOR: tuple[str, ...] = ()
+"""The types of a step that works on all of them, those of plugins included."""
 STAGES: tuple[Stage, ...] = ("transform", "filter", "merge")
 
 
@@ -114,17 +117,22 @@ class Context:
 class StepType:
     """A registered step: its name, stage, parameters and builder.
 
-    sensors: the types that it works on. gives: the type into which it converts one of these, where
-    that is a different one. summary: one sentence.
+    only: the types that it works on; none for all. gives: the type into which it converts one of
+    these, where that is a different one. summary: one sentence.
     """
 
     name: str
     stage: Stage
-    sensors: tuple[str, ...]
+    only: tuple[str, ...]
     parameters: type[StepParameters]
     summary: str
     build: Callable[[Any, Context], Built]
     gives: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Return the types of sensors that the step works on."""
+        return self.only or sensor_names()
 
 
 P = TypeVar("P", bound=StepParameters)

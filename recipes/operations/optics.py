@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import cv2
 import numpy as np
@@ -14,6 +14,8 @@ from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import IDENTITY, Quat, matrix_from_quat
 
 ImageReading = CameraReading | DepthReading
+Aspect = Literal["fit", "crop", "pad"]
+"""How an image comes to a size of another aspect ratio."""
 P = TypeVar("P", CameraReading, DepthReading, CameraReading | DepthReading)
 Pixel = TypeVar("Pixel", np.uint8, np.float32)
 Plane = NDArray[np.float32]
@@ -53,6 +55,63 @@ def resized(work: Masked[P], width_px: int, height_px: int) -> Masked[P]:
         object_ids=ids,
     )
     return Masked(scaled, mask)
+
+
+def reframed(work: Masked[P], width_px: int, height_px: int, aspect: Aspect) -> Masked[P]:
+    """Return an image reading at a size of another aspect ratio: scaled, then cut or padded.
+
+    fit: each axis by itself. crop: the size is filled, what is over is cut off at both edges. pad:
+    the whole image between black bars, which are infinitely far and not kept.
+    """
+    across, down = size_of(work.reading)
+    ratios = width_px / across, height_px / down
+    if aspect == "fit" or ratios[0] == ratios[1]:
+        return resized(work, width_px, height_px)
+    scale = max(ratios) if aspect == "crop" else min(ratios)
+    scaled = resized(work, max(1, round(across * scale)), max(1, round(down * scale)))
+    left_px = (size_of(scaled.reading)[0] - width_px) // 2
+    top_px = (size_of(scaled.reading)[1] - height_px) // 2
+    if aspect == "crop":
+        return cropped(scaled, left_px, top_px, width_px, height_px)
+    return _padded(scaled, -left_px, -top_px, width_px, height_px)
+
+
+def _padded(work: Masked[P], left_px: int, top_px: int, width_px: int, height_px: int) -> Masked[P]:
+    """Return an image reading with bars around it; left_px, top_px: of its first pixel."""
+    reading, old = work.reading, work.reading.intrinsics
+    bars = (
+        top_px,
+        height_px - top_px - old.height_px,
+        left_px,
+        width_px - left_px - old.width_px,
+    )
+
+    def padded(plane: NDArray[Pixel], value: float) -> NDArray[Pixel]:
+        made: NDArray[Pixel] = cv2.copyMakeBorder(plane, *bars, cv2.BORDER_CONSTANT, value=value)
+        return made
+
+    intrinsics = replace(
+        old,
+        width_px=width_px,
+        height_px=height_px,
+        cx_px=old.cx_px + left_px,
+        cy_px=old.cy_px + top_px,
+    )
+    whole = np.full((old.height_px, old.width_px), 255, np.uint8)
+    mask = padded(whole if work.mask is None else work.mask, 0)
+    ids = None if reading.object_ids is None else padded(reading.object_ids, 0)
+    if isinstance(reading, DepthReading):
+        depth_m = padded(reading.depth_m, np.inf)
+        deep = replace(reading, depth_m=depth_m, intrinsics=intrinsics, object_ids=ids)
+        return Masked(deep, mask)
+    made = replace(
+        reading,
+        image_bgr=padded(reading.image_bgr, 0),
+        depth_m=None if reading.depth_m is None else padded(reading.depth_m, np.inf),
+        object_ids=ids,
+        intrinsics=intrinsics,
+    )
+    return Masked(made, mask)
 
 
 def scaled_intrinsics(intrinsics: Intrinsics, width_px: int, height_px: int) -> Intrinsics:

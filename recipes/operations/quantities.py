@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.vehicles.readings import SENSOR_TYPES
+from wil_campaign.vehicles.readings import reading_types
 from wil_campaign.vehicles.readings.numbers import number_fields
 from wil_campaign.worlds.frames import norm
 
@@ -72,7 +72,7 @@ _OF_TYPES: Mapping[str, Mapping[str, Quantity]] = MappingProxyType(
     }
 )
 
-QUANTITIES: Mapping[str, Mapping[str, Quantity]] = MappingProxyType(
-    {name: _OF_TYPES.get(name) or _numbers_of(kind) for name, kind in SENSOR_TYPES.items()}
-)
-"""Quantities by name, by sensor type; an array where the reading has many elements."""
+
+def quantities_of(kind: str) -> Mapping[str, Quantity]:
+    """Return a sensor type's quantities by name; an array where a reading has many elements."""
+    return _OF_TYPES.get(kind) or _numbers_of(reading_types()[kind])

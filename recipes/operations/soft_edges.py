@@ -7,6 +7,21 @@ from numpy.typing import NDArray
 from wil_campaign.vehicles.readings import BgrImage, Mask
 
 
+def has_cover(mask: Mask) -> bool:
+    """Return whether a mask has pixels that the kept part covers in part (1 to 254)."""
+    return bool(cv2.countNonZero(cv2.inRange(mask, 1, 254)))
+
+
+def blend_cover(layer_bgr: BgrImage, mask: Mask, ground_bgr: BgrImage) -> None:
+    """Write the layer into `ground_bgr`, each pixel by the cover that its mask states."""
+    cv2.copyTo(layer_bgr, cv2.compare(mask, 255, cv2.CMP_EQ), ground_bgr)
+    rows, columns = np.nonzero(cv2.inRange(mask, 1, 254))
+    weight = mask[rows, columns].astype(np.float32) / np.float32(255)
+    upper, lower = (one[rows, columns].astype(np.float32) for one in (layer_bgr, ground_bgr))
+    mixed = lower + (upper - lower) * weight[:, None]
+    ground_bgr[rows, columns] = np.rint(mixed).astype(np.uint8)
+
+
 class SoftEdge:
     """Blends a layer with soft edges over the ground, its weight rising from its edge inward.
 
@@ -32,6 +47,8 @@ class SoftEdge:
             return
         rows, columns = slice(top, top + down), slice(left, left + across)
         weight = self._weights(shown, rows, columns)
+        if has_cover(shown):
+            weight = weight * (shown[rows, columns].astype(np.float32) / np.float32(255))
         part = ground_bgr[rows, columns]
         upper = layer_bgr[rows, columns].astype(np.float32)
         part[:] = np.rint(part + (upper - part) * weight[:, :, None]).astype(np.uint8)

@@ -9,6 +9,7 @@ from typing import Any, cast
 from pydantic import Field, JsonValue
 
 from wil_campaign.recipes.model.registry import (
+    EVERY_SENSOR,
     OWN_STEP,
     Context,
     ParameterFault,
@@ -17,13 +18,10 @@ from wil_campaign.recipes.model.registry import (
     step,
 )
 from wil_campaign.recipes.working import AnyMasked, Masked, Merge, Operator, Sides, element_shape
-from wil_campaign.vehicles.readings import SENSOR_TYPES, Reading, sensor_type_of
+from wil_campaign.vehicles.readings import Reading, sensor_type_of
 from wil_campaign.vehicles.readings.checks import fault_of
 from wil_campaign.vehicles.readings.copies import copied, with_python_numbers
 from wil_campaign.worlds.files.references import BadReferenceError, load_reference
-
-_ANY = tuple(SENSOR_TYPES)
-_READINGS = tuple(SENSOR_TYPES.values())
 
 
 class BadResultError(TypeError):
@@ -100,7 +98,7 @@ def use(parameters: UseParameters, context: Context) -> Operator:
 
     def operator(work: AnyMasked, other: AnyMasked | None) -> AnyMasked:
         made = called(_copied_side(work), None if other is None else _copied_side(other))
-        if isinstance(made, _READINGS):
+        if isinstance(made, Reading):
             made = Masked(made, work.mask)
         if not isinstance(made, Masked):
             raise BadResultError(f"returned {type(made).__name__}, not a reading or a Masked")
@@ -142,7 +140,7 @@ def use_merge(parameters: UseMergeParameters, context: Context) -> Merge:
 
     def merge(sides: Sides) -> Reading:
         made = called({side: _copied_side(work) for side, work in sides.items()})
-        if not isinstance(made, _READINGS):
+        if not isinstance(made, Reading):
             raise BadResultError(f"returned {type(made).__name__}, not a reading")
         return _checked_result(made, sensor_type_of(sides["real"].reading))
 
@@ -150,9 +148,9 @@ def use_merge(parameters: UseMergeParameters, context: Context) -> Merge:
 
 
 OWN_STEPS = (
-    step(OWN_STEP, stage="transform", sensors=_ANY, parameters=UseParameters)(use),
-    step(OWN_STEP, stage="filter", sensors=_ANY, parameters=UseParameters)(use),
-    step(OWN_STEP, stage="merge", sensors=_ANY, parameters=UseMergeParameters)(use_merge),
+    step(OWN_STEP, stage="transform", sensors=EVERY_SENSOR, parameters=UseParameters)(use),
+    step(OWN_STEP, stage="filter", sensors=EVERY_SENSOR, parameters=UseParameters)(use),
+    step(OWN_STEP, stage="merge", sensors=EVERY_SENSOR, parameters=UseMergeParameters)(use_merge),
 )
 """The step `use` of each stage."""
 

@@ -215,10 +215,13 @@ class Judge:
         self._evidence.received(sample)
         return self._feed_oracles(self._links.get(sample.vehicle, ()), sample)
 
-    def reference(self, sample: ReferenceSample) -> None:
-        """Feed another source's position of a vehicle to the judge."""
-        self._evidence.reference(sample)
+    def reference(self, sample: ReferenceSample) -> tuple[Flag, ...]:
+        """Feed another source's position of a vehicle to the judge; return new flags."""
+        is_finite = self._evidence.reference(sample)
         self._take_evidence()
+        if not is_finite:
+            return ()
+        return self._feed_oracles(self._references.get(sample.vehicle, ()), sample)
 
     def needs_ground_speed(self, vehicle: str) -> bool:
         """Return whether the judge compares speeds of other sources of a vehicle."""
@@ -320,6 +323,7 @@ class Judge:
     def _connect(self, oracles: Sequence[Oracle]) -> None:
         """Feed only these oracles from now on."""
         self._poses = _table(oracles, "on_pose")
+        self._references = _table(oracles, "on_reference")
         self._states = _table(oracles, "on_state")
         self._links = _table(oracles, "on_received")
         self._fences = _table(oracles, "on_fence")

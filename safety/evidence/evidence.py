@@ -70,13 +70,14 @@ class Evidence:
         self.doubt(DoubtSample(sample.t_s, sample.vehicle, POSE, "its source", NOT_A_NUMBER))
         return False
 
-    def reference(self, sample: ReferenceSample) -> None:
-        """Add another source's pose of a vehicle to the evidence, if it is finite."""
+    def reference(self, sample: ReferenceSample) -> bool:
+        """Add another source's pose of a vehicle to the evidence; return whether it is finite."""
         if not is_finite_reference(sample):
-            return
+            return False
         for key, known in self._flown.get(sample.vehicle, ()):
             known.reference(sample)
             self._settle(key, known)
+        return True
 
     def needs_ground_speed(self, vehicle: str) -> bool:
         """Return whether a vehicle's velocity is judged, and other speeds are evidence."""

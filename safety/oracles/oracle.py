@@ -15,6 +15,7 @@ from wil_campaign.safety.model.samples import (
     FenceSample,
     LinkSample,
     PoseSample,
+    ReferenceSample,
     StageSample,
     StateSample,
 )
@@ -108,6 +109,11 @@ class Oracle(ABC):
 
     def on_state(self, sample: StateSample) -> Flags:
         """Give the oracle a vehicle's state."""
+        del sample
+        return NO_FLAGS
+
+    def on_reference(self, sample: ReferenceSample) -> Flags:
+        """Give the oracle a pose by another source than the judged one, as the estimate."""
         del sample
         return NO_FLAGS
 

@@ -85,7 +85,8 @@ class Gate(Protocol):
 class OracleContext:
     """The context of an oracle: the run and the one vehicle it judges.
 
-    vehicle: the judged vehicle. body_half_m: half the sizes of its bounding box, forward, right
+    vehicle: the judged vehicle. pose_source: of its judged poses; "mavlink" is its own estimate.
+    body_half_m: half the sizes of its bounding box, forward, right
     and down from its centre; zeros for a point. probe: clearance to the world in which it is
     judged (Wv in sim and wil, W in real). ground_down_m: the height (NED) of the ground beneath
     what stands there; None where it is unknown. things: the names of the objects in that world;
@@ -99,6 +100,7 @@ class OracleContext:
     mode: RunMode
     subject: str
     vehicle: str
+    pose_source: str = "mavlink"
     body_half_m: Vec3 = (0.0, 0.0, 0.0)
     start: Pose = field(default_factory=lambda: Pose((0.0, 0.0, 0.0)))
     probe: Probe | None = None

@@ -26,7 +26,7 @@ def test_a_cell_names_all_that_have_no_wheel() -> None:
     assert asked[-1][-1] == "numpy>=2"
 
 
-def test_another_error_is_shown_and_asked_once() -> None:
+def test_an_error_of_another_kind_is_shown_and_not_asked_again() -> None:
     count = 0
 
     def ask(_: Sequence[str]) -> tuple[int, str]:

@@ -57,7 +57,7 @@ def test_the_class_searches_until_it_sees_orange_and_flies_there_in_the_world() 
     assert autonomy.act(telemetry(0.0, 2.3)).note == "search"
 
 
-def test_the_class_refuses_a_speed_that_is_none() -> None:
+def test_the_class_refuses_an_impossible_speed() -> None:
     with pytest.raises(ValueError, match="between 0 and 5"):
         built(speed_m_s=-1.0)
 

@@ -155,7 +155,7 @@ def draw(seed: int) -> SignalFault:
 
 
 def shown_by_none(fault: SignalFault) -> bool:
-    """Return whether no second source could show a fault: docs/verdicts.md lists these.
+    """Return whether no second source could show a fault: docs/decisions/0049 lists these.
 
     The place of a vehicle by its estimate alone, or how far it leans: nothing else says it. A
     charge that is said again and again, and an estimator that goes on to report that it is sound:

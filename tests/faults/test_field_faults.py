@@ -44,13 +44,13 @@ def test_a_sound_flight_with_a_fault_of_the_field_is_no_pass(
 
 
 @pytest.mark.parametrize("kind", ["companion", "text"])
-def test_what_somebody_else_says_hides_no_wall(tmp_path: Path, kind: str) -> None:
+def test_messages_of_a_second_sender_hide_no_wall(tmp_path: Path, kind: str) -> None:
     outcome = inject_field(fault_of("second sender", kind, "wall"), tmp_path / "flight")
     assert (outcome.verdict, outcome.reason) == ("FAIL", "twin touched wall.box")
 
 
 @pytest.mark.parametrize(("kind", "stage"), [("parameters", "identify"), ("estimate", "goal")])
-def test_what_a_ground_station_would_change_in_a_sound_flight_does_not_arrive(
+def test_changes_by_a_ground_station_do_not_arrive_in_a_sound_flight(
     tmp_path: Path, kind: str, stage: Stage
 ) -> None:
     outcome = inject_field(fault_of("ground station", kind, "none", stage), tmp_path / "flight")

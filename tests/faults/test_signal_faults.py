@@ -27,7 +27,7 @@ def test_no_fault_of_a_signal_makes_a_flight_pass_that_must_fail(tmp_path: Path,
     assert not outcome.wrong
 
 
-def test_an_estimate_that_leads_above_a_table_is_found_by_what_stands_beside_it(
+def test_another_source_finds_an_estimate_that_leads_above_a_table(
     tmp_path: Path,
 ) -> None:
     alteration = Alteration("bias", (0.0, 0.0, -0.45), 0.0)

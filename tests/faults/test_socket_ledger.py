@@ -69,7 +69,7 @@ def _ends(ledger: SocketLedger) -> Iterator[str]:
     return (one.partition(" of ")[0] for one in ledger.left())
 
 
-def test_sockets_that_somebody_unknown_keeps_are_found(runtime: Path) -> None:
+def test_sockets_that_an_unknown_process_keeps_are_found(runtime: Path) -> None:
     with ExitStack() as stack:
         ledger, pid, port = _flown(runtime, "keeps", stack)
         found = sorted(_ends(ledger))
@@ -88,7 +88,7 @@ def test_sockets_that_ended_with_their_process_are_not(runtime: Path) -> None:
         assert ledger.left() == []
 
 
-def test_files_are_left_unless_a_next_start_removes_those_of_who_was_killed(runtime: Path) -> None:
+def test_files_of_a_killed_program_are_left_when_no_next_start_removes_them(runtime: Path) -> None:
     killed = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
     victim = ProcessId.of(killed.pid)
     killed.kill()

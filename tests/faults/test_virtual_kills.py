@@ -16,14 +16,16 @@ TROUBLED = (3, 7, 9, 10, 77)
 
 
 @pytest.mark.parametrize("seed", KILLS)
-def test_whoever_dies_both_come_down_and_nothing_passes(tmp_path: Path, seed: int) -> None:
+def test_both_vehicles_come_down_and_nothing_passes_after_any_kill(
+    tmp_path: Path, seed: int
+) -> None:
     aftermath = inject(draw_kill(seed), tmp_path / "run")
     assert aftermath.lost == ()
     assert aftermath.hit != "nobody"
 
 
 @pytest.mark.parametrize("seed", TROUBLED)
-def test_whatever_goes_wrong_both_come_down(tmp_path: Path, seed: int) -> None:
+def test_both_vehicles_come_down_after_any_trouble(tmp_path: Path, seed: int) -> None:
     aftermath = inject(draw_trouble(seed), tmp_path / "run")
     assert aftermath.lost == ()
     assert aftermath.stage != "over"

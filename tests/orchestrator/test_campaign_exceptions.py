@@ -69,7 +69,7 @@ def fly(
 @pytest.mark.parametrize(
     ("fly_order", "kind"), [(raise_key_error, "KeyError"), (raise_cancelled, "CancelledError")]
 )
-def test_what_a_worker_raises_is_an_error_with_its_traceback(
+def test_an_exception_of_a_worker_is_an_error_with_its_traceback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fly_order: object, kind: str
 ) -> None:
     monkeypatch.setattr(run_engine, "fly_order", fly_order)

@@ -51,7 +51,7 @@ def fly(folder: Path, controls: str) -> tuple[int, dict[str, Any]]:
     return code, document
 
 
-def test_controls_of_each_kind_end_as_they_must(
+def test_controls_of_each_kind_end_as_expected(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, summary = fly(tmp_path, EACH_KIND + OTHER)
@@ -82,7 +82,7 @@ def test_a_campaign_whose_control_passes_is_not_accepted(
     assert any(line.startswith("not accepted; this campaign cannot fail") for line in lines)
 
 
-def test_a_shipped_control_ends_as_it_must(flown_gate: Path) -> None:
+def test_a_shipped_control_ends_as_expected(flown_gate: Path) -> None:
     summary = json.loads((flown_gate / "summary.json").read_text("utf-8"))
     (blind,) = summary["controls"]
     assert (blind["case"], blind["verdict"], blind["decided_by"]) == (

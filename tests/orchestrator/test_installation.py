@@ -59,7 +59,7 @@ def test_git_knows_the_commit_of_a_checkout_and_whether_it_is_changed(checkout: 
 
 
 @needs_git
-def test_under_a_hook_of_git_the_checkout_is_asked_and_not_the_repository_of_the_hook(
+def test_the_checkout_is_asked_under_a_git_hook_and_not_the_hooks_repository(
     checkout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     head = git(checkout, "rev-parse", "HEAD")
@@ -88,7 +88,7 @@ def test_a_checkout_of_another_owner_has_a_commit(
 
 @needs_git
 @pytest.mark.parametrize("spoil", ["no git", "in a user's repository", "no commit", "broken"])
-def test_what_git_does_not_know_is_an_unknown_commit(
+def test_a_checkout_that_git_does_not_know_has_an_unknown_commit(
     checkout: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spoil: str
 ) -> None:
     if spoil == "no git":
@@ -158,7 +158,7 @@ def test_a_wheel_has_its_commit_from_its_build_and_else_from_pip(tmp_path: Path)
         ({}, None),
     ],
 )
-def test_what_pip_recorded_is_what_it_installs_elsewhere(
+def test_the_requirement_names_the_source_that_pip_recorded(
     recorded: Mapping[str, Any], requirement: str | None
 ) -> None:
     assert requirement_of(recorded) == requirement
@@ -222,7 +222,7 @@ def test_the_version_has_the_commit(capsys: pytest.CaptureFixture[str]) -> None:
         (UNKNOWN_COMMIT, "7.1 (unknown commit", True),
     ],
 )
-def test_what_flies_is_identified_by_its_code_where_its_commit_does_not(
+def test_a_program_without_a_clean_commit_is_identified_by_its_code(
     monkeypatch: pytest.MonkeyPatch, commit: str, text: str, *, has_code: bool
 ) -> None:
     monkeypatch.setattr(installation, "_distribution", lambda: Installed(None))

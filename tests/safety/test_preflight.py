@@ -92,7 +92,7 @@ SOUND: dict[str, dict[str, float]] = {
         (distance_item("ghost", "real", math.nan, stated_m=30.0), "refused", "is not known"),
     ],
 )
-def test_checks(item: Item, outcome: str, text: str) -> None:
+def test_each_check_has_its_outcome_and_text(item: Item, outcome: str, text: str) -> None:
     assert item.outcome == outcome
     assert text in item.text
     assert bool(refused([item])) is (outcome == "refused")
@@ -115,7 +115,7 @@ def test_an_override_names_who_takes_it_on_and_covers_nothing_else() -> None:
 
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
-def test_what_is_set_is_sound(autopilot: str) -> None:
+def test_wanted_values_of_failsafes_are_sound(autopilot: str) -> None:
     rules = FAILSAFES[autopilot]  # type: ignore[index]  # a Literal by parametrize
     assert all(rule.wanted is None or rule.holds(rule.wanted) for rule in rules)
     assert list(unsound(autopilot, SOUND[autopilot])) == []  # type: ignore[arg-type]  # as above
@@ -145,7 +145,9 @@ def test_what_is_set_is_sound(autopilot: str) -> None:
         ("px4", "COM_OF_LOSS_T", 20, "COM_OF_LOSS_T is 20: it would fly on for too long"),
     ],
 )
-def test_what_is_unsound_is_named(autopilot: str, name: str, value: float, said: str) -> None:
+def test_an_unsound_value_of_a_failsafe_is_named(
+    autopilot: str, name: str, value: float, said: str
+) -> None:
     values = {**SOUND[autopilot], name: value}
     (found,) = unsound(autopilot, values)  # type: ignore[arg-type]  # a Literal by parametrize
     assert found.startswith(said)
@@ -181,7 +183,9 @@ def test_a_return_that_hovers_at_its_end_is_no_landing(
         ("FS_GCS_TIMEOUT", 60, None),
     ],
 )
-def test_what_is_set_in_place_of_a_value(name: str, value: float, instead: int | None) -> None:
+def test_an_unsound_value_is_replaced_by_a_sound_one(
+    name: str, value: float, instead: int | None
+) -> None:
     (rule,) = (one for one in FAILSAFES["ardupilot"] if name in one.names)
     assert rule.wanted_instead(value) == instead
     assert instead is None or rule.holds(instead)
@@ -207,7 +211,7 @@ def test_no_number_of_an_item_is_not_finite(actual: float, limit: float) -> None
 
 
 @pytest.mark.parametrize("fix", [(3, 9, 1.0), (3, 4, 9.0), (1, 0, None), (0, None, None)])
-def test_what_is_counted_is_written_as_it_is_read(
+def test_counts_of_satellites_are_written_as_numbers(
     fix: tuple[int, int | None, float | None],
 ) -> None:
     for item in gps_items("real", fix, min_satellites=6, max_hdop=2.0):

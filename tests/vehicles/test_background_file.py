@@ -54,7 +54,9 @@ def stalled(tmp_path: Path) -> Stalled:
     return Stalled(tmp_path)
 
 
-def test_a_disk_that_stands_still_holds_up_nobody_and_gets_all_in_order(stalled: Stalled) -> None:
+def test_a_disk_that_stands_still_holds_up_no_writer_and_gets_all_in_order(
+    stalled: Stalled,
+) -> None:
     file = BackgroundFile(stalled.path, append=True)
     lines = [b"%d\n" % number + BLOCK for number in range(1000)]
     for line in lines:
@@ -77,7 +79,7 @@ def test_a_wait_for_the_disk_ends_when_it_has_all(tmp_path: Path) -> None:
     file.close()
 
 
-def test_a_writer_that_had_to_wait_waits_for_no_further_line_until_the_disk_has_caught_up(
+def test_a_writer_waits_once_and_then_no_more_until_the_disk_has_caught_up(
     stalled: Stalled, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = BackgroundFile(stalled.path, append=True)
@@ -136,7 +138,7 @@ def test_only_the_thread_looks_at_the_file(tmp_path: Path, monkeypatch: pytest.M
     assert set(threads) == {file._thread.ident}
 
 
-def test_a_thread_begins_with_what_it_was_given(tmp_path: Path) -> None:
+def test_a_thread_calls_its_begin_function_first(tmp_path: Path) -> None:
     threads: list[int] = []
     file = BackgroundFile(tmp_path / "file", begin=lambda: threads.append(threading.get_ident()))
     file.close()
@@ -153,7 +155,7 @@ def test_a_file_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
     assert (tmp_path / "file").read_text() == "kept, and more"
 
 
-def test_what_a_full_disk_refuses_is_raised_by_later_calls_and_by_the_end() -> None:
+def test_an_error_of_a_full_disk_is_raised_by_later_calls_and_by_the_end() -> None:
     file = BackgroundFile(Path("/dev/full"), append=True)
     file.write(b"lost")
     with pytest.raises(OSError, match="No space left on device"):
@@ -320,7 +322,7 @@ def test_an_end_that_the_disk_takes_too_slowly_is_an_error(
     assert (tmp_path / "file").read_bytes() == 500 * BLOCK
 
 
-def test_what_is_written_after_the_end_is_refused(tmp_path: Path) -> None:
+def test_a_write_after_the_end_is_refused(tmp_path: Path) -> None:
     file = BackgroundFile(tmp_path / "file")
     file.write(BLOCK)
     file.close()

@@ -43,7 +43,7 @@ def test_a_slower_and_a_faster_twin_keep_up(gain: float, late_s: float) -> None:
     assert left_m < 0.8 * abs(1.0 - gain) / gain + 0.05
 
 
-def test_what_was_seen_late_is_carried_on_to_now() -> None:
+def test_a_late_pose_of_the_leader_is_carried_on_to_now() -> None:
     asked = following_setpoint(
         leader=Pose((1.0, 0.0, 0.0)),
         velocity_ned_m_s=(2.0, 0.0, 0.0),

@@ -33,7 +33,7 @@ def test_faults_survive_as_texts(fault: Fault) -> None:
     assert parse_fault(str(fault)) == fault
 
 
-def test_what_people_write() -> None:
+def test_faults_are_read_as_people_write_them() -> None:
     assert parse_fault("motor@12") == Fault("motor", 0, 0.0, after_s=12.0)
     assert parse_fault("motor 2") == Fault("motor", 2, 0.0)
     assert parse_fault("mute @ 5+2") == Fault("mute", after_s=5.0, for_s=2.0)
@@ -50,7 +50,7 @@ def test_what_people_write() -> None:
         *("mute@1+", "mute@1+0", "mute@1+3601", "mute@1+2+3", "mute@1..2", "mute@1@2"),
     ],
 )
-def test_unknown_faults_are_refused_with_what_there_is(text: str) -> None:
+def test_unknown_faults_are_refused_with_the_known_ones(text: str) -> None:
     with pytest.raises(FaultError, match=r"is not a fault; there are kill, mute, .* camera stop"):
         parse_fault(text)
 

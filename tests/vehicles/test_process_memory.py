@@ -32,7 +32,7 @@ def test_own_memory_is_what_psutil_says_and_grows() -> None:
     assert kept.nbytes == 100_000_000
 
 
-def test_where_the_system_does_not_say_psutil_does(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_psutil_gives_the_memory_where_the_system_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
     here_mb = resident_mb()
     monkeypatch.setattr(process_memory, "_own_mb", lambda: None)
     assert resident_mb() == pytest.approx(here_mb, rel=0.02)

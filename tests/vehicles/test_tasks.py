@@ -66,7 +66,7 @@ def test_tasks_that_return_or_are_stopped_are_no_faults() -> None:
     assert faults_of(main) == []
 
 
-def test_an_exception_that_nobody_expects_is_a_fault_also_when_its_task_is_stopped_later() -> None:
+def test_an_unexpected_exception_is_a_fault_also_when_its_task_is_stopped_later() -> None:
     async def main() -> None:
         task = start(fail(KeyError("x")), name="fails")
         await asyncio.sleep(2.0)
@@ -76,7 +76,7 @@ def test_an_exception_that_nobody_expects_is_a_fault_also_when_its_task_is_stopp
     assert faults_of(main) == [("KeyError", "fails")]
 
 
-def test_a_cancellation_that_nobody_asked_for_is_a_fault() -> None:
+def test_an_unrequested_cancellation_is_a_fault() -> None:
     async def main() -> None:
         async with together() as tasks:
             tasks.create_task(fail(asyncio.CancelledError()), name="child")
@@ -84,7 +84,7 @@ def test_a_cancellation_that_nobody_asked_for_is_a_fault() -> None:
     assert faults_of(main) == [("CancelledError", "child")]
 
 
-def test_an_expected_error_is_a_fault_only_when_nobody_reads_it() -> None:
+def test_an_expected_error_is_a_fault_only_when_it_is_not_read() -> None:
     async def main() -> None:
         start(fail(ExpectedError()), name="unread")
         read = start(fail(ExpectedError()), name="read")
@@ -101,7 +101,7 @@ def test_a_task_that_still_runs_at_the_end_is_a_fault() -> None:
     assert faults_of(main) == [("RuntimeError", "left over")]
 
 
-def test_what_has_to_be_finished_is_not_cut_off_by_cancellations() -> None:
+def test_a_task_that_must_finish_is_not_cut_off_by_cancellations() -> None:
     done: list[float] = []
 
     async def landing() -> None:
@@ -145,7 +145,7 @@ def test_the_first_error_of_a_kind_leaves_its_group_alone() -> None:
         raise other
 
 
-def test_what_is_contained_is_reported_and_ctrl_c_is_not_contained() -> None:
+def test_a_contained_exception_is_reported_and_ctrl_c_is_not_contained() -> None:
     async def main() -> None:
         with Contained("a listener"):
             raise KeyError("x")

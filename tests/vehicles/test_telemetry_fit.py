@@ -17,7 +17,7 @@ PX4 = autopilot_named("px4")
 WANTED = TelemetryRates()
 
 
-def test_a_fast_link_gets_what_was_wanted() -> None:
+def test_a_fast_link_gets_the_wanted_rates() -> None:
     assert fitted(PX4, WANTED, radio_bit_s=1e6) == WANTED
 
 
@@ -41,7 +41,7 @@ def test_a_radio_that_is_too_slow_is_refused() -> None:
     autopilot=st.sampled_from(["px4", "ardupilot"]),
     signed=st.booleans(),
 )
-def test_what_fits_takes_no_more_than_its_share(
+def test_fitted_telemetry_takes_no_more_than_its_share(
     radio_bit_s: float, autopilot: str, signed: bool
 ) -> None:
     strategy = autopilot_named(autopilot)  # type: ignore[arg-type]  # one of the two

@@ -11,6 +11,7 @@ import numpy as np
 
 INPUT_PX = 32
 NAMES = ("red", "green")
+REDDER = (1.0, 0.0, -1.0)
 FLOAT, INT64, INTS = 1, 7, 7
 
 
@@ -52,12 +53,19 @@ def node(kind: str, inputs: list[str], output: str, attributes: bytes = b"") -> 
     return named + chunk(2, output) + chunk(3, output) + chunk(4, kind) + attributes
 
 
-def tiny_detector(layout: Literal["v5", "v8", "end2end"], names: str = "") -> bytes:
-    """Return the bytes of an ONNX file; names: as the metadata of Ultralytics states them."""
-    rows, bias = _head(layout)
-    shape = {"v5": (1, 4, 7), "v8": (1, 6, 4), "end2end": (1, 4, 6)}[layout]
+def tiny_detector(
+    layout: Literal["v5", "v8", "end2end"], names: str = "", *, masks: bool = False
+) -> bytes:
+    """Return the bytes of an ONNX file; names: as the metadata of Ultralytics states them.
+
+    masks: with prototypes of instance segmentation, the three colours of 4 x 4 pixels each, and
+    coefficients by which what is redder than blue is of the object.
+    """
+    rows, bias = _head(layout, REDDER if masks else ())
+    extra = len(REDDER) if masks else 0
+    shape = {"v5": (1, 4, 7 + extra), "v8": (1, 6 + extra, 4), "end2end": (1, 4, 6 + extra)}[layout]
     half = INPUT_PX // 2
-    nodes = (
+    nodes: tuple[bytes, ...] = (
         node(
             "AveragePool",
             ["images"],
@@ -69,6 +77,9 @@ def tiny_detector(layout: Literal["v5", "v8", "end2end"], names: str = "") -> by
         node("Add", ["product", "bias"], "sum"),
         node("Reshape", ["sum", "shape"], "output0"),
     )
+    if masks:
+        quarter = ints("kernel_shape", 4, 4) + ints("strides", 4, 4)
+        nodes += (node("AveragePool", ["images"], "output1", quarter),)
     graph = (
         b"".join(chunk(1, one) for one in nodes)
         + chunk(2, "tiny")
@@ -79,18 +90,20 @@ def tiny_detector(layout: Literal["v5", "v8", "end2end"], names: str = "") -> by
         + chunk(11, value("images", 1, 3, INPUT_PX, INPUT_PX))
         + chunk(12, value("output0", *shape))
     )
+    graph += chunk(12, value("output1", 1, 3, INPUT_PX // 4, INPUT_PX // 4)) if masks else b""
     opset = chunk(1, "") + number(2, 13)
     stated = chunk(14, chunk(1, "author") + chunk(2, "us"))
     stated += chunk(14, chunk(1, "names") + chunk(2, names)) if names else b""
     return number(1, 8) + chunk(7, graph) + chunk(8, opset) + stated
 
 
-def _head(layout: str) -> tuple[np.ndarray, np.ndarray]:
+def _head(layout: str, coefficients: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Return weights (12, outputs) and bias (1, outputs) of the last layer."""
-    features = {"v5": 7, "v8": 6, "end2end": 6}[layout]
+    features = {"v5": 7, "v8": 6, "end2end": 6}[layout] + len(coefficients)
     weights, bias = np.zeros((12, 4, features), np.float32), np.zeros((4, features), np.float32)
     for quadrant in range(4):
         x, y = quadrant % 2 * 16.0, quadrant // 2 * 16.0
+        bias[quadrant, features - len(coefficients) :] = coefficients
         if layout == "end2end":
             bias[quadrant, :4] = (x, y, x + 16, y + 16)
             weights[quadrant, quadrant, 4] = 1.0

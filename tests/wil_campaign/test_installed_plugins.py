@@ -23,8 +23,10 @@ from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.report.campaign_report import write_report
 from wil_campaign.recipes.model.registry import steps
 from wil_campaign.safety.oracles.registry import oracle_kinds
+from wil_campaign.vehicles.readings import kinds
 
 HOOKS = {
+    "announcers",
     "autonomy_kinds",
     "campaign_keys",
     "commands",
@@ -33,12 +35,15 @@ HOOKS = {
     "live_views",
     "operator_channels",
     "oracles",
+    "problem_formats",
     "recipe_formats",
     "recipe_steps",
     "report_sections",
     "run_observers",
     "run_options",
+    "sensor_types",
     "sources",
+    "starter_options",
     "starters",
     "vehicle_checks",
 }
@@ -112,6 +117,8 @@ def forget_plugins() -> None:
     autonomy_model.cache_clear()
     oracle_kinds.cache_clear()
     steps.cache_clear()
+    for known in (kinds.sensor_specs, kinds.reading_types, kinds.faults_of_types, kinds._names):
+        known.cache_clear()
 
 
 @pytest.fixture
@@ -136,7 +143,7 @@ def test_the_table_of_what_ships_is_what_the_plugins_add() -> None:
 
 
 @pytest.mark.parametrize("hook", sorted(HOOKS))
-def test_what_a_shipped_plugin_names_is_there(hook: str) -> None:
+def test_all_that_a_shipped_plugin_names_is_there(hook: str) -> None:
     additions: Mapping[str, Any] = added(getattr(hooks, hook))
     for addition in additions.values():
         for value in dataclasses.asdict(addition).values():
@@ -274,7 +281,7 @@ def test_a_plugin_adds_a_section_to_the_report(install: Install, tmp_path: Path)
     )
 
 
-def test_what_a_section_says_is_printed_after_the_verdicts(
+def test_the_text_of_a_section_is_printed_after_the_verdicts(
     install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     install(SECTIONS)
@@ -282,6 +289,58 @@ def test_what_a_section_says_is_printed_after_the_verdicts(
     lines = capsys.readouterr().out.splitlines()
     (folder,) = (tmp_path / "out").glob("*/*")
     assert lines.index(f"7 m in {folder.name}") < lines.index(f"results: {folder}")
+
+
+ANNOUNCER = """
+from wil_campaign.hooks import Announcer, ProblemFormat, implements
+
+
+@implements
+def announcers():
+    return [Announcer("horn", "wil_sonar:faults", "wil_sonar:verdicts")]
+
+
+@implements
+def problem_formats():
+    return [ProblemFormat("count", "wil_sonar:count", "Write how many faults there are.")]
+
+
+def faults(problems, warnings):
+    print(f"{len(problems)} faults")
+
+
+def verdicts(campaign, summary, folder, *, arm):
+    print(f"{campaign.name} {summary.accepted} {arm} in {folder.name}")
+    raise OSError("hoarse")
+
+
+def count(problems, warnings):
+    return str(len(problems))
+"""
+
+
+def test_a_plugin_tells_how_commands_ended_and_may_fail(
+    install: Install,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    install(ANNOUNCER)
+    # Its options are those of the plugins that were there when it was imported.
+    commands = "wil_campaign.orchestrator.cli.commands"
+    monkeypatch.delitem(sys.modules, f"{commands}.validate", raising=False)
+    file = write_hover(tmp_path)
+    assert main(["run", str(file), "--out", str(tmp_path / "out")]) == 0
+    shown = capsys.readouterr()
+    (folder,) = (tmp_path / "out").glob("*/*")
+    assert f"hover True True in {folder.name}\n" in shown.out
+    assert "horn announces nothing: OSError: hoarse" in shown.err
+    file.write_text(file.read_text() + "one: 1\ntwo: 2\n")
+    assert main(["validate", str(file), "--count", str(tmp_path / "n")]) == 2
+    assert capsys.readouterr().out == "2 faults\n"
+    assert (tmp_path / "n").read_text() == "2"
+    assert main(["plan", str(file)]) == 2
+    assert capsys.readouterr().out == "2 faults\n"
 
 
 OBSERVER = """
@@ -611,7 +670,7 @@ def test_the_plugin_of_the_page_flies(
 ) -> None:
     page = (ROOT / "docs" / "plugins.md").read_text("utf-8")
     files = dict(re.findall(r"^```python\n# (\S+)\n(.+?)^```$", page, re.MULTILINE | re.DOTALL))
-    assert len([line for source in files.values() for line in source.splitlines() if line]) <= 60
+    assert len([line for source in files.values() for line in source.splitlines() if line]) <= 90
     assert 'lab = "wil_lab.plugin"' in page
     put_distribution(tmp_path, "lab", "wil_lab.plugin", files)
     monkeypatch.syspath_prepend(tmp_path)
@@ -631,7 +690,8 @@ def test_the_plugin_of_the_page_flies(
             campaign.write_text(text.replace(good, bad))
             assert main(["validate", str(campaign)]) == 2
             assert re.search(rf"hover\.yaml:\d+:\d+: .*{re.escape(said)}", capsys.readouterr().err)
-        campaign.write_text(text)
+        down = "source: 'echo://1.5'}"
+        campaign.write_text(text.replace(down, f"{down}, mag: {{type: magnetometer}}"))
         out = tmp_path / "out"
         words = ["--repetitions", "1", "--out", str(out)]
         flown = fly([str(campaign), *words], tmp_path)
@@ -678,7 +738,7 @@ for folder in Path({out!r}).glob("*/*"):
 """
 
 
-def test_without_any_plugin_gate_flies_and_what_is_absent_is_named(tmp_path: Path) -> None:
+def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path) -> None:
     """The proof of the CI that the core needs no plugin.
 
     Its modules have the paths of this checkout, for which kernels are compiled already.
@@ -717,6 +777,12 @@ def test_without_any_plugin_gate_flies_and_what_is_absent_is_named(tmp_path: Pat
     words += [["run", gate, *one, "--set", f"{name}={{}}"] for name in observers]
     oracles = [name for adds in SHIPPED.values() for name in adds.get("oracles", ())]
     words += [["run", gate, *one, "--set", f"oracles.own={{{name}: a}}"] for name in oracles]
+    files = [name for adds in SHIPPED.values() for name in adds.get("problem_formats", ())]
+    starts = [name for adds in SHIPPED.values() for name in adds.get("starter_options", ())]
+    words += [
+        *(["validate", gate, f"--{name}", str(tmp_path / name)] for name in files),
+        *(["init", "first", f"--{name}"] for name in starts),
+    ]
     done = subprocess.run(  # noqa: S603 - our own interpreter
         [sys.executable, "-P", "-c", ABSENT.format(words=words, out=str(tmp_path / "out"))],
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
@@ -728,7 +794,7 @@ def test_without_any_plugin_gate_flies_and_what_is_absent_is_named(tmp_path: Pat
     assert codes[:3] == [0, 5, 0], done.stdout + done.stderr  # 5: it flew nothing required
     assert re.search(r"small +sim +1/1 ", done.stdout)
     named = [*(name.split()[0] for name in commands), *views, *keys, *formats, *engines, *drivers]
-    named += [*checks, *channels, *options, *kinds, *observers, *oracles]
+    named += [*checks, *channels, *options, *kinds, *observers, *oracles, *files, *starts]
     assert codes[3:] == [2] * len(named)
     for name in named:
         assert f"'{name}' is of the plugin " in done.stderr

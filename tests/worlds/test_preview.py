@@ -11,7 +11,9 @@ from wil_campaign.worlds.preview import main
 HALL = Path(__file__).parents[2] / "worlds" / "hall.yaml"
 
 
-def test_a_picture_and_what_shows_in_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_preview_writes_a_picture_and_names_the_things_in_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     arguments = [str(HALL), str(tmp_path / "hall.png"), "--size", "320x180", "--north", "-1.6"]
     assert main(arguments) == 0
     said = capsys.readouterr().out
@@ -28,7 +30,7 @@ def test_a_picture_and_what_shows_in_it(tmp_path: Path, capsys: pytest.CaptureFi
     assert np.array_equal(again, first)
 
 
-def test_what_stands_in_the_real_world_only_shows_there(
+def test_a_thing_of_the_real_world_alone_shows_only_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = [str(HALL), str(tmp_path / "hall.jpg"), "--size", "64x36", "--which", "W"]

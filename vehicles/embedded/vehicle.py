@@ -3,13 +3,17 @@
 import asyncio
 from collections.abc import Callable
 from dataclasses import replace
-from types import TracebackType
 from typing import Any, Protocol, Self
 
 import numpy as np
 
 from wil_campaign.vehicles.embedded.autopilot.copter.copter import ArduCopter
-from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import COMPONENT, EmulatedAutopilot
+from wil_campaign.vehicles.embedded.autopilot.copter.simulated_wind import simulated_wind
+from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import (
+    COMPONENT,
+    Aircraft,
+    EmulatedAutopilot,
+)
 from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from wil_campaign.vehicles.embedded.autopilot.px4.px4 import Px4
 from wil_campaign.vehicles.embedded.physics.body import PHYSICS_HZ, Body
@@ -164,16 +168,11 @@ class EmbeddedVehicle:
         self._timer = loop.call_at(self._step_s(_STEPS_PER_TICK), self._tick)
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         """Stop the vehicle and close the link. Raises the error that stopped it, if any."""
         self.kill()
-        await self._link.__aexit__(kind, error, trace)
-        if self._fault is not None and error is None:
+        await self._link.__aexit__(*raised)
+        if self._fault is not None and not any(raised):
             raise self._fault
 
     def _step_s(self, step: int) -> float:
@@ -298,25 +297,20 @@ def build_autopilot(config: EmbeddedConfig, body: Body) -> EmulatedAutopilot:
         uid2=config.uid2,
         origin=LocalFrame(start.latitude_deg, start.longitude_deg, start.altitude_m),
     )
-    dt_s, charge = 1.0 / PHYSICS_HZ, body.battery.charge
+    aircraft = Aircraft(
+        identity=identity,
+        airframe=config.airframe,
+        dt_s=1.0 / PHYSICS_HZ,
+        charge=body.battery.charge,
+        overrides=config.parameters,
+    )
     autopilot: EmulatedAutopilot
     if config.autopilot == "px4":
-        autopilot = Px4(
-            identity=identity,
-            airframe=config.airframe,
-            dt_s=dt_s,
-            charge=charge,
-            overrides=config.parameters,
-            full_streams=config.full_streams,
-        )
+        autopilot = Px4(aircraft, full_streams=config.full_streams)
     else:
-        autopilot = ArduCopter(
-            identity=identity,
-            airframe=config.airframe,
-            dt_s=dt_s,
-            charge=charge,
-            overrides=config.parameters,
-        )
+        autopilot = ArduCopter(aircraft)
+        parameters = autopilot.parameters
+        body.blown_by(lambda: simulated_wind(parameters, lambda: -body.truth.position_ned_m[2]))
     autopilot.state.simulator = lambda: body.truth
     autopilot.state.clock_offset_s = config.profile.clock.boot_offset_s
     if config.boot_unix_us is not None:

@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Callable
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -74,16 +73,11 @@ class ImpairedLink:
         await self._link.__aenter__()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         """Close the wrapped link; delayed frames are lost."""
         self._out.close()
         self._in.close()
-        await self._link.__aexit__(kind, error, trace)
+        await self._link.__aexit__(*raised)
 
     def _on_bytes(self, data: bytes, _t_s: float) -> None:
         self._in.put(data)
@@ -119,7 +113,6 @@ class _TimedDirection:
         return ImpairmentCounts() if self._direction is None else self._direction.counts
 
     def open(self) -> None:
-        """Open the impaired direction."""
         now_s = asyncio.get_running_loop().time()
         self._direction = ImpairedDirection(
             impairment=self._impairment, rng=self._rng, opened_s=now_s
@@ -134,7 +127,6 @@ class _TimedDirection:
             self._timer = None
 
     def start_outage(self, duration_s: float) -> None:
-        """Start an outage of the impaired direction."""
         if self._direction is not None:
             self._direction.start_outage(asyncio.get_running_loop().time(), duration_s)
 

@@ -1,7 +1,6 @@
 """The protocol of byte links: bytes out, bytes in with their time, open and close."""
 
 from collections.abc import Callable, Sequence
-from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
 from wil_campaign.vehicles.errors import VehicleError
@@ -37,12 +36,7 @@ class Link(Protocol):
     async def __aenter__(self) -> Self:
         """Open the link. Raises LinkError."""
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         """Close the link; nothing arrives afterwards."""
 
 

@@ -4,7 +4,6 @@ import asyncio
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from functools import partial
-from types import TracebackType
 from typing import Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -127,14 +126,9 @@ class RedundantLink:
             self._stack = stack.pop_all()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close all redundant links."""
-        await self._stack.__aexit__(kind, error, trace)
+        await self._stack.aclose()
 
     def _on_bytes(self, number: int, data: bytes, t_s: float) -> None:
         if any(self._is_vehicle(frame) for frame in self._inward[number].feed(data)):

@@ -1,7 +1,6 @@
 """A link with MAVLink 2 signing: signs outgoing frames, and accepts only signed ones."""
 
 import asyncio
-from types import TracebackType
 from typing import Self
 
 from wil_campaign.vehicles.links.link import ConfirmsSenders, Link, Receiver, TellsTrouble
@@ -72,14 +71,9 @@ class SignedLink:
         await self._link.__aenter__()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         """Close the link under signing."""
-        await self._link.__aexit__(kind, error, trace)
+        await self._link.__aexit__(*raised)
 
     def _on_bytes(self, data: bytes, t_s: float) -> None:
         now = self._now()

@@ -1,6 +1,5 @@
 """A link that passes received bytes to taps beside its receiver."""
 
-from types import TracebackType
 from typing import Self
 
 from wil_campaign.vehicles.links.link import Link, Receiver, TellsUnread, TimesReceiver
@@ -42,14 +41,9 @@ class TappedLink:
         await self._link.__aenter__()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         """Close the tapped link."""
-        await self._link.__aexit__(kind, error, trace)
+        await self._link.__aexit__(*raised)
 
     def _on_bytes(self, data: bytes, t_s: float) -> None:
         if self._receiver is not None:

@@ -210,7 +210,6 @@ class TcpInLink:
 
 
 async def _close(peer: StreamPeer | None) -> None:
-    """Close a TCP peer and wait for its socket."""
     if peer is not None:
         peer.close()
         # An aborted transport closes its socket one turn later.

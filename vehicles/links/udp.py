@@ -253,7 +253,6 @@ class UdpLink(asyncio.DatagramProtocol):
         source.confirmed = True
 
     def _is_accepted(self, key: "int | _Address", address: _Address, now_s: float) -> bool:
-        """Return whether a UDP datagram is accepted from its sender, and keep its address."""
         source = self._sources.get(key)
         if source is None:
             if self._has_place(now_s):
@@ -355,7 +354,6 @@ class UdpLink(asyncio.DatagramProtocol):
 
 
 def _text(address: _Address) -> str:
-    """Return a UDP address in words."""
     return f"{address[0]}:{address[1]}"
 
 

@@ -3,11 +3,12 @@
 Output layouts, each with a leading batch of one: v5 (Ultralytics YOLOv5, v7): rows of cx, cy, w, h,
 objectness, a score per class. v8 (v8, v9, v11): the same without objectness, transposed, one
 column per candidate. end2end (v10 and exports with NMS): rows of left, top, right, bottom, score,
-class. Boxes are in pixels of the network's input.
+class. Boxes are in pixels of the network's input. A network of instance segmentation (-seg) adds
+coefficients to each candidate, and a second output with prototypes of masks (`instance_masks`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,9 +16,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wil_campaign.vehicles.perception.instance_masks import instance_mask, prototypes_of
 from wil_campaign.vehicles.perception.network_trial import refusal, short_text
 from wil_campaign.vehicles.perception.onnx_names import class_names
-from wil_campaign.vehicles.readings import BgrImage
+from wil_campaign.vehicles.readings import BgrImage, Mask
 from wil_campaign.worlds.files.lfs import LFS_POINTER, is_lfs_file
 from wil_campaign.worlds.files.paths import is_file
 
@@ -37,7 +39,10 @@ class DetectorError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Detection:
-    """A detection in an image. left_px to bottom_px: edges of its box; score: 0 to 1."""
+    """A detection in an image. left_px to bottom_px: edges of its box; score: 0 to 1.
+
+    mask: (height, width) uint8 of the image, 255 is the object; None of a network without masks.
+    """
 
     name: str
     score: float
@@ -45,6 +50,7 @@ class Detection:
     top_px: float
     right_px: float
     bottom_px: float
+    mask: Mask | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +83,7 @@ class OnnxDetector:
         layout: Layout = "auto",
     ) -> None:
         self._net = _network(path, input_px)
+        self._outputs = self._net.getUnconnectedOutLayersNames()
         self._path = path
         self._names = _names_of(path, tuple(names))
         self._input_px = input_px
@@ -101,21 +108,31 @@ class OnnxDetector:
         blob = cv2.dnn.blobFromImage(laid, 1.0 / 255.0, swapRB=True)
         try:
             self._net.setInput(blob)
-            output = np.asarray(self._net.forward())
+            outputs = [np.asarray(one) for one in self._net.forward(self._outputs)]
         except cv2.error as error:
             raise DetectorError(
                 f"'{self._path.name}' cannot run on {self._input_px}: {short_text(error)}"
             ) from error
-        found = decoded(output, len(self._names), self._layout)
+        index, prototypes = prototypes_of(outputs)
+        extra = 0 if prototypes is None else len(prototypes)
+        found = decoded(outputs[index], len(self._names), self._layout, extra)
         height_px, width_px = image_bgr.shape[:2]
-        return tuple(
-            Detection(
-                self._name(kind),
-                score,
-                *_to_image(box, how, width_px, height_px),
-            )
-            for kind, score, box in best(found, self._threshold, self._overlap)
-        )
+        detections = []
+        for one in surest(found, self._threshold, self._overlap):
+            box = _to_image(found.boxes[one], how, width_px, height_px)
+            mask = None
+            if prototypes is not None:
+                mask = instance_mask(
+                    found.coefficients[one],
+                    prototypes,
+                    box_px=box,
+                    placed_px=(how.left_px, how.top_px, how.scale),
+                    input_px=self._input_px,
+                    image_px=(width_px, height_px),
+                )
+            name = self._name(int(found.kinds[one]))
+            detections.append(Detection(name, float(found.scores[one]), *box, mask))
+        return tuple(detections)
 
     def _name(self, kind: int) -> str:
         """Return the name of a class. Raises DetectorError for one beyond the names."""
@@ -193,15 +210,21 @@ def letterboxed(image_bgr: BgrImage, input_px: tuple[int, int]) -> tuple[BgrImag
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
-    """A detector's candidates: boxes (n, 4) left, top, right, bottom; scores (n,); kinds (n,)."""
+    """A detector's candidates: boxes (n, 4) left, top, right, bottom; scores (n,); kinds (n,).
+
+    coefficients: (n, m) of mask prototypes; m is 0 without masks.
+    """
 
     boxes: NDArray[np.float32]
     scores: NDArray[np.float32]
     kinds: NDArray[np.int64]
+    coefficients: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 0), np.float32))
 
 
-def decoded(output: NDArray[Any], classes: int, layout: Layout) -> Candidates:
+def decoded(output: NDArray[Any], classes: int, layout: Layout, extra: int = 0) -> Candidates:
     """Return the candidates in a detector's output. Raises DetectorError when nothing fits.
+
+    extra: coefficients of masks, the last numbers of each candidate.
 
     `auto` goes by the shape: (1, n, 5 + classes) is v5, (1, 4 + classes, n) v8, (1, n, 6) end2end.
     An output that fits several, as that of one class with v5 and end2end, needs the layout stated.
@@ -210,22 +233,25 @@ def decoded(output: NDArray[Any], classes: int, layout: Layout) -> Candidates:
     if rows.ndim != 3 or rows.shape[0] != 1:
         raise DetectorError(f"the output is {output.shape}, not (1, n, m)")
     rows = rows[0]
-    kind = _layout_of(rows.shape, classes) if layout == "auto" else layout
+    numbers = rows.shape[0] - extra, rows.shape[1] - extra
+    kind = _layout_of(numbers, classes) if layout == "auto" else layout
     if kind == "v8":
         rows = rows.T
     wanted = {"v5": 5 + classes, "v8": 4 + classes, "end2end": 6}[kind]
-    if rows.shape[1] != wanted:
+    if rows.shape[1] != wanted + extra:
+        masks = f" and {extra} of masks" if extra else ""
         raise DetectorError(
             f"the output is {output.shape}; layout {kind} with {classes} classes has {wanted} "
-            "numbers for each candidate"
+            f"numbers{masks} for each candidate"
         )
     rows = rows[np.isfinite(rows).all(axis=1)]
+    rows, coefficients = rows[:, :wanted], rows[:, wanted:]
     if kind == "end2end":
-        return Candidates(rows[:, :4], rows[:, 4], rows[:, 5].astype(np.int64))
+        return Candidates(rows[:, :4], rows[:, 4], rows[:, 5].astype(np.int64), coefficients)
     half = rows[:, 2:4] / 2.0
     boxes = np.concatenate([rows[:, :2] - half, rows[:, :2] + half], axis=1)
     by_class = rows[:, 5:] * rows[:, 4:5] if kind == "v5" else rows[:, 4:]
-    return Candidates(boxes, by_class.max(axis=1), by_class.argmax(axis=1))
+    return Candidates(boxes, by_class.max(axis=1), by_class.argmax(axis=1), coefficients)
 
 
 def _layout_of(shape: tuple[int, ...], classes: int) -> Literal["v5", "v8", "end2end"]:
@@ -256,10 +282,8 @@ def _layout_of(shape: tuple[int, ...], classes: int) -> Literal["v5", "v8", "end
     return candidates[0]
 
 
-def best(
-    found: Candidates, threshold: float, overlap: float
-) -> tuple[tuple[int, float, NDArray[np.float32]], ...]:
-    """Return a detector's (class, score, box) above the threshold, overlaps suppressed."""
+def surest(found: Candidates, threshold: float, overlap: float) -> list[int]:
+    """Return the candidates above the threshold, the surest first, overlaps suppressed."""
     sure = np.flatnonzero(found.scores >= threshold)
     order = sure[np.argsort(-found.scores[sure], kind="stable")]
     kept: list[int] = []
@@ -267,9 +291,7 @@ def best(
         same = [one for one in kept if found.kinds[one] == found.kinds[index]]
         if all(_overlap(found.boxes[one], found.boxes[index]) <= overlap for one in same):
             kept.append(int(index))
-    return tuple(
-        (int(found.kinds[index]), float(found.scores[index]), found.boxes[index]) for index in kept
-    )
+    return kept
 
 
 def _overlap(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:

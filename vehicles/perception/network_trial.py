@@ -103,7 +103,7 @@ def main(arguments: list[str]) -> int:
                 step = RUNS
                 image = np.zeros((int(height_px), int(width_px), 3), np.uint8)
                 net.setInput(cv2.dnn.blobFromImage(image, 1.0 / 255.0, swapRB=True))
-                net.forward()
+                net.forward(net.getUnconnectedOutLayersNames())
         except (cv2.error, MemoryError) as error:
             sys.stdout.write(f"{step} {short_text(error)}\n")
     return 0

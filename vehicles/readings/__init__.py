@@ -16,13 +16,14 @@ from wil_campaign.vehicles.readings.images import (
     Source,
 )
 from wil_campaign.vehicles.readings.kinds import (
-    SENSOR_TYPES,
     Reading,
-    SensorType,
     end_s,
+    reading_types,
+    sensor_names,
     sensor_type_of,
 )
 from wil_campaign.vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
+from wil_campaign.vehicles.readings.numbers import NumbersReading
 from wil_campaign.vehicles.readings.ranging import (
     LidarPointsReading,
     LidarScanReading,
@@ -34,7 +35,6 @@ from wil_campaign.vehicles.readings.ranging import (
 from wil_campaign.vehicles.readings.sound import MicrophoneReading, samples_from_pressure
 
 __all__ = [
-    "SENSOR_TYPES",
     "BgrImage",
     "CameraReading",
     "DepthImage",
@@ -46,15 +46,17 @@ __all__ = [
     "LidarScanReading",
     "Mask",
     "MicrophoneReading",
+    "NumbersReading",
     "ObjectIds",
     "Points",
     "PoseReading",
     "RangefinderReading",
     "Ranges",
     "Reading",
-    "SensorType",
     "Source",
     "end_s",
+    "reading_types",
     "samples_from_pressure",
+    "sensor_names",
     "sensor_type_of",
 ]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wil_campaign.vehicles.readings.images import CameraReading, DepthReading
-from wil_campaign.vehicles.readings.kinds import Reading
+from wil_campaign.vehicles.readings.kinds import Reading, faults_of_types
 from wil_campaign.vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
 from wil_campaign.vehicles.readings.numbers import number_fields
 from wil_campaign.vehicles.readings.ranging import (
@@ -245,10 +245,13 @@ def _ids(reading: LidarScanReading | LidarPointsReading, count: int) -> Fault | 
 
 
 def _numbers(reading: Any) -> Fault | None:
+    """Check a reading that is numbers alone, then by its type; return its fault or None."""
     for name in number_fields(type(reading)):
         if not math.isfinite(value := getattr(reading, name)):
             return Fault("not_finite", f"{name} is {value}")
-    return None
+    check = faults_of_types().get(type(reading))
+    fault = "" if check is None else check(reading)
+    return Fault("out_of_range", fault) if fault else None
 
 
 def _limits(min_m: float, max_m: float) -> Fault | None:

@@ -1,11 +1,15 @@
 """All kinds of readings, and the sensor types by which recipes and campaigns name them."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import cache
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal
 
+from wil_campaign.hooks import sensor_types
+from wil_campaign.installed_plugins import added, loaded
 from wil_campaign.vehicles.readings.images import CameraReading, DepthReading
 from wil_campaign.vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
+from wil_campaign.vehicles.readings.numbers import NumbersReading
 from wil_campaign.vehicles.readings.ranging import (
     LidarPointsReading,
     LidarScanReading,
@@ -23,44 +27,46 @@ Reading = (
     | PoseReading
     | ImuReading
     | MicrophoneReading
+    | NumbersReading
 )
 
-SensorType = Literal[
-    "camera",
-    "depth",
-    "lidar",
-    "lidar_points",
-    "rangefinder",
-    "gps",
-    "pose",
-    "imu",
-    "microphone",
-]
-"""Sensor type as files name it."""
 
-SENSOR_TYPES: Mapping[str, type[Reading]] = MappingProxyType(
-    {
-        "camera": CameraReading,
-        "depth": DepthReading,
-        "lidar": LidarScanReading,
-        "lidar_points": LidarPointsReading,
-        "rangefinder": RangefinderReading,
-        "gps": GpsReading,
-        "pose": PoseReading,
-        "imu": ImuReading,
-        "microphone": MicrophoneReading,
-    }
-)
-"""Sensor type as files name it, to the class of its readings."""
+def sensor_names() -> tuple[str, ...]:
+    """Return the sensor types as files name them, the core's first; imports none of their code."""
+    return tuple(added(sensor_types))
 
-_NAMES: Mapping[type[Reading], str] = MappingProxyType(
-    {kind: name for name, kind in SENSOR_TYPES.items()}
-)
+
+def one_of_names() -> Any:
+    """Return the type of a key that names a sensor type."""
+    return Literal[sensor_names()]
+
+
+@cache
+def sensor_specs() -> Mapping[str, Any]:
+    """Return each sensor type's `SensorSpec` by its name in files. Raises BadInput as `loaded`."""
+    return MappingProxyType(loaded(sensor_types, "spec"))
+
+
+@cache
+def reading_types() -> Mapping[str, type[Any]]:
+    """Return each sensor type's class of readings by its name in files."""
+    return MappingProxyType({name: spec.reading for name, spec in sensor_specs().items()})
+
+
+@cache
+def faults_of_types() -> Mapping[type[Any], Callable[[Any], str]]:
+    """Return by class of readings the check that its sensor type brings, where it does."""
+    return {spec.reading: spec.fault for spec in sensor_specs().values() if spec.fault is not None}
+
+
+@cache
+def _names() -> Mapping[type[Any], str]:
+    return MappingProxyType({kind: name for name, kind in reading_types().items()})
 
 
 def sensor_type_of(reading: Reading) -> str:
     """Return the sensor type that gives this kind of reading."""
-    return _NAMES[type(reading)]
+    return _names()[type(reading)]
 
 
 def end_s(reading: Reading) -> float:

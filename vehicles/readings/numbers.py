@@ -3,8 +3,25 @@
 import dataclasses
 import typing
 
+from wil_campaign.vehicles.readings.images import Source
+
 _STAMPS = frozenset({"t_s", "arrived_s", "seq", "source", "sensor"})
 """The fields that every reading has."""
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class NumbersReading:
+    """The base of the readings of a plugin's sensors, which are numbers: floats and integers.
+
+    They are checked, mixed, recorded and read back by the names of their fields, which say the
+    unit. Its stamps are those of every reading.
+    """
+
+    t_s: float
+    arrived_s: float
+    seq: int
+    source: Source
+    sensor: str = ""
 
 
 def is_numbers(kind: type) -> bool:

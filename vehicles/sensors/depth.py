@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from wil_campaign.vehicles.readings import CameraReading, DepthImage, DepthReading
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
+from wil_campaign.vehicles.sensors.sensor_spec import SensorSpec
 
 _SPARE_PX = 64
 """By how much the noise tile exceeds the image: each image takes another offset in it."""
@@ -79,3 +80,6 @@ class DepthSensor:
             self._tile = rng.standard_normal(wanted, dtype=np.float32)
         row, column = rng.integers(0, _SPARE_PX, 2).tolist()
         return self._tile[row : row + height, column : column + width]
+
+
+DEPTH = SensorSpec("depth", DepthReading)

@@ -8,6 +8,12 @@ import numpy as np
 from wil_campaign.vehicles.readings import GpsReading, Source
 from wil_campaign.vehicles.sensors.gauss_markov import GaussMarkovWalk
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
+from wil_campaign.vehicles.sensors.sensor_spec import (
+    SensorOptions,
+    SensorSite,
+    SensorSpec,
+    TruthRate,
+)
 from wil_campaign.vehicles.sensors.timing import Timing
 from wil_campaign.vehicles.sensors.truth import Truth
 from wil_campaign.worlds.geodesy import LocalFrame
@@ -92,3 +98,18 @@ class GpsSensor:
             horizontal_accuracy_m=noise.horizontal_sigma_m,
             vertical_accuracy_m=noise.vertical_sigma_m,
         )
+
+
+class GpsOptions(SensorOptions):
+    """A GPS receiver among a vehicle's sensors. rate_hz: fixes in a second."""
+
+    rate_hz: TruthRate = 5.0
+
+
+def _model(options: GpsOptions, site: SensorSite) -> GpsSensor:
+    timing = site.timing(GPS_TIMING, options.rate_hz)
+    noise = GPS_NOISES.named(site.noise)
+    return GpsSensor(source=site.side, frame=site.frame, noise=noise, timing=timing)
+
+
+GPS = SensorSpec("gps", GpsReading, GpsOptions, _model)

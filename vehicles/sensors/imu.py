@@ -2,12 +2,19 @@
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from wil_campaign.vehicles.readings import ImuReading, Source
 from wil_campaign.vehicles.sensors.gauss_markov import GaussMarkovWalk
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
+from wil_campaign.vehicles.sensors.sensor_spec import (
+    SensorOptions,
+    SensorSite,
+    SensorSpec,
+    TruthRate,
+)
 from wil_campaign.vehicles.sensors.timing import Timing
 from wil_campaign.vehicles.sensors.truth import Truth
 from wil_campaign.worlds.frames import Vec3
@@ -100,3 +107,21 @@ class ImuSensor:
                 rates[2] + g_on * on[5] + g[2] + g_white * n[5],
             ),
         )
+
+
+class ImuOptions(SensorOptions):
+    """An IMU among a vehicle's sensors: accelerometer and gyroscope.
+
+    rate_hz: samples in a second.
+    """
+
+    embedded_only: ClassVar[bool] = True
+    rate_hz: TruthRate = 200.0
+
+
+def _model(options: ImuOptions, site: SensorSite) -> ImuSensor:
+    noise = IMU_NOISES.named(site.noise)
+    return ImuSensor(source=site.side, noise=noise, timing=Timing(options.rate_hz))
+
+
+IMU = SensorSpec("imu", ImuReading, ImuOptions, _model)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wil_campaign.vehicles.cameras.rendered_cameras import ImageSource, RenderedImage
-from wil_campaign.vehicles.readings import BgrImage, DepthImage, IdImage
+from wil_campaign.vehicles.readings import BgrImage, CameraReading, DepthImage, IdImage
+from wil_campaign.vehicles.sensors.sensor_spec import SensorSpec
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 
@@ -159,6 +160,8 @@ def _rays(pixels: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.float64
 
 
 def _matrix(intrinsics: Intrinsics) -> NDArray[np.float64]:
-    """Return the 3x3 camera matrix of a lens's intrinsics."""
     i = intrinsics
     return np.array([[i.fx_px, 0, i.cx_px], [0, i.fy_px, i.cy_px], [0, 0, 1.0]])
+
+
+CAMERA = SensorSpec("camera", CameraReading)

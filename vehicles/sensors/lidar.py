@@ -1,9 +1,11 @@
 """Lidars, 2-D and 3-D, and the rangefinder: beams cast into the scene, with noise."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Annotated, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from wil_campaign.vehicles.readings import (
     LidarPointsReading,
@@ -20,8 +22,16 @@ from wil_campaign.vehicles.sensors.beams import (
     plane_directions,
 )
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
+from wil_campaign.vehicles.sensors.sensor_spec import (
+    MountedOptions,
+    MountPart,
+    SensorSite,
+    SensorSpec,
+    TruthRate,
+)
 from wil_campaign.vehicles.sensors.timing import Timing
 from wil_campaign.vehicles.sensors.truth import Truth
+from wil_campaign.worlds.files.documents import KeyFaultError
 from wil_campaign.worlds.frames import Pose
 
 AT_BODY = Pose((0.0, 0.0, 0.0))
@@ -212,3 +222,135 @@ class RangefinderSensor:
         if noise.dropout > 0.0 and float(rng.random()) < noise.dropout:
             return math.inf
         return range_m
+
+
+Metres = Annotated[float, Field(ge=0, le=10_000)]
+
+
+class RangingOptions(MountedOptions):
+    """The keys of every ranging sensor; its range defaults to that of the profile's sensor.
+
+    range_min_m: the least measured distance. range_max_m: the greatest measured distance.
+    """
+
+    range_min_m: Metres | None = None
+    range_max_m: Annotated[float, Field(gt=0, le=10_000)] | None = None
+
+    @model_validator(mode="after")
+    def _require_order(self) -> Self:
+        """Refuse a ranging sensor whose range_max_m is not above range_min_m."""
+        low, high = self.range_min_m, self.range_max_m
+        if low is not None and high is not None and low >= high:
+            raise KeyFaultError("range_max_m", f"must be more than range_min_m, {low:g}")
+        return self
+
+    def within_reach(self, noise: RangeNoise) -> RangeNoise:
+        """Return a ranging sensor's noise with the range limits that the campaign gives."""
+        low_m, high_m = self.range_min_m, self.range_max_m
+        return replace(
+            noise,
+            range_min_m=noise.range_min_m if low_m is None else low_m,
+            range_max_m=noise.range_max_m if high_m is None else high_m,
+        )
+
+
+class LidarOptions(RangingOptions):
+    """A 2-D lidar sensor: `beams` spread evenly over `fov_deg`, its middle forward.
+
+    rate_hz: scans in a second. beams: their number in one scan. fov_deg: from the first beam to the
+    last; 360 is a full turn.
+    """
+
+    rate_hz: TruthRate = 10.0
+    beams: Annotated[int, Field(ge=1, le=100_000)] = 400
+    fov_deg: Annotated[float, Field(gt=0, le=360)] = 360.0
+
+    @property
+    def pattern(self) -> ScanPattern:
+        """Return the beams of the 2-D lidar sensor."""
+        fov_rad, gaps = math.radians(self.fov_deg), self.beams - (self.fov_deg < 360.0)
+        if self.beams == 1:
+            return ScanPattern(1, 0.0, fov_rad)
+        return ScanPattern(self.beams, -fov_rad / 2.0, fov_rad / max(1, gaps))
+
+
+class LidarPointsOptions(RangingOptions):
+    """A 3-D lidar sensor: a full turn of `columns`, each of `rings` between two elevations.
+
+    rate_hz: turns in a second. columns: number of directions of one turn. rings: number of beams of
+    each column, by elevation. lowest_deg: elevation of the lowest ring, positive upwards.
+    highest_deg: elevation of the highest ring, positive upwards.
+    """
+
+    rate_hz: TruthRate = 20.0
+    columns: Annotated[int, Field(ge=1, le=10_000)] = 900
+    rings: Annotated[int, Field(ge=1, le=256)] = 16
+    lowest_deg: Annotated[float, Field(ge=-90, le=90)] = -15.0
+    highest_deg: Annotated[float, Field(ge=-90, le=90)] = 15.0
+
+    @model_validator(mode="after")
+    def _require_upwards(self) -> Self:
+        """Refuse a 3-D lidar sensor whose highest_deg is below lowest_deg."""
+        if self.highest_deg < self.lowest_deg:
+            raise KeyFaultError("highest_deg", f"must be at least lowest_deg, {self.lowest_deg:g}")
+        return self
+
+    @property
+    def pattern(self) -> GridPattern:
+        """Return the beams of the 3-D lidar sensor."""
+        low_rad, high_rad = math.radians(self.lowest_deg), math.radians(self.highest_deg)
+        return GridPattern(self.columns, self.rings, low_rad, high_rad)
+
+
+class RangefinderOptions(RangingOptions):
+    """A rangefinder sensor: one beam, `beam_deg` wide; looks down unless a mount is given.
+
+    rate_hz: measurements in a second. beam_deg: full width of the beam.
+    """
+
+    rate_hz: TruthRate = 50.0
+    beam_deg: Annotated[float, Field(ge=0, le=90)] = 3.6
+    mount: MountPart = MountPart(pitch_deg=-90.0)
+
+    @property
+    def half_angle_rad(self) -> float:
+        """Return the half width of the rangefinder's beam."""
+        return math.radians(self.beam_deg / 2.0)
+
+
+def _scan_model(options: LidarOptions, site: SensorSite) -> LidarScanSensor:
+    return LidarScanSensor(
+        source=site.side,
+        cast=site.caster(),
+        pattern=options.pattern,
+        noise=options.within_reach(SCAN_NOISES.named(site.noise)),
+        timing=site.timing(SCAN_TIMING, options.rate_hz),
+        mount=site.mount,
+    )
+
+
+def _points_model(options: LidarPointsOptions, site: SensorSite) -> LidarPointsSensor:
+    return LidarPointsSensor(
+        source=site.side,
+        cast=site.caster(),
+        pattern=options.pattern,
+        noise=options.within_reach(POINTS_NOISES.named(site.noise)),
+        timing=site.timing(POINTS_TIMING, options.rate_hz),
+        mount=site.mount,
+    )
+
+
+def _rangefinder_model(options: RangefinderOptions, site: SensorSite) -> RangefinderSensor:
+    return RangefinderSensor(
+        source=site.side,
+        cast=site.caster(),
+        half_angle_rad=options.half_angle_rad,
+        noise=options.within_reach(RANGEFINDER_NOISES.named(site.noise)),
+        timing=site.timing(RANGEFINDER_TIMING, options.rate_hz),
+        mount=site.mount,
+    )
+
+
+LIDAR = SensorSpec("lidar", LidarScanReading, LidarOptions, _scan_model)
+LIDAR_POINTS = SensorSpec("lidar_points", LidarPointsReading, LidarPointsOptions, _points_model)
+RANGEFINDER = SensorSpec("rangefinder", RangefinderReading, RangefinderOptions, _rangefinder_model)

@@ -7,13 +7,17 @@ spectra). Pressure goes with the square of rotor speed, as thrust does.
 
 import math
 from dataclasses import dataclass
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
 from wil_campaign.vehicles.readings import MicrophoneReading, Source, samples_from_pressure
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
+from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions, SensorSite, SensorSpec
 from wil_campaign.vehicles.sensors.truth import Truth
+from wil_campaign.worlds.files.documents import KeyFaultError
 
 REFERENCE_PA = 20.0e-6
 """0 dB of sound pressure level."""
@@ -151,3 +155,38 @@ def _tone_weights(sound: RotorSound) -> tuple[float, ...]:
     power = sum(weight * weight for weight in relative) * sound.rotors / 2.0
     scale = pressure_of(sound.hover_level_db) / math.sqrt(power)
     return tuple(scale * weight for weight in relative)
+
+
+class MicrophoneOptions(SensorOptions):
+    """A microphone sensor that delivers blocks of samples.
+
+    sample_rate_hz: samples in a second. block_samples: samples of each reading.
+    """
+
+    embedded_only: ClassVar[bool] = True
+    sample_rate_hz: Annotated[int, Field(ge=1000, le=192_000)] = 16_000
+    block_samples: Annotated[int, Field(ge=16, le=65_536)] = 512
+
+    @model_validator(mode="after")
+    def _limit_rate(self) -> Self:
+        """Refuse a microphone sensor of more than 250 blocks per second."""
+        if self.per_s > 250.0:
+            raise KeyFaultError("block_samples", f"gives {self.per_s:g} blocks/s; at most 250")
+        return self
+
+    @property
+    def per_s(self) -> float:
+        """Return the microphone's blocks per second."""
+        return self.sample_rate_hz / self.block_samples
+
+
+def _model(options: MicrophoneOptions, site: SensorSite) -> MicrophoneSensor:
+    return MicrophoneSensor(
+        source=site.side,
+        noise=MICROPHONE_NOISES.named(site.noise),
+        sample_rate_hz=options.sample_rate_hz,
+        block_samples=options.block_samples,
+    )
+
+
+MICROPHONE = SensorSpec("microphone", MicrophoneReading, MicrophoneOptions, _model)

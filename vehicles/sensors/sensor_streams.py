@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from wil_campaign.vehicles.cameras.rendered_cameras import (
 )
 from wil_campaign.vehicles.readings import CameraReading, DepthReading, PoseReading, Reading, Source
 from wil_campaign.vehicles.sensors.depth import DepthSensor
+from wil_campaign.vehicles.sensors.sensor_spec import Sensor, SensorOptions, SensorSpec, TruthRate
 from wil_campaign.vehicles.sensors.timing import Timing
 from wil_campaign.vehicles.sensors.truth import Truth
 from wil_campaign.vehicles.sensors.truth_history import TruthHistory
@@ -27,13 +28,6 @@ Deliver = Callable[[Reading], None]
 
 TRUTH_DELAY_S = 0.01
 """How long after a tick its truth is looked up: by then the samples around it have arrived."""
-
-
-class Sensor(Protocol):
-    """A sensor model that makes readings of the truth (protocol)."""
-
-    def sample(self, truth: Truth, t_s: float, rng: np.random.Generator) -> Reading:
-        """Return the sensor's reading of t_s."""
 
 
 class Stream(Protocol):
@@ -127,6 +121,17 @@ class PoseStream:
             self._due_s = max(self._due_s + self._period_s, reading.t_s)
             self._seq += 1
             deliver(replace(reading, seq=self._seq - 1))
+
+
+class PoseOptions(SensorOptions):
+    """A pose sensor: motion capture. rate_hz: highest rate; by default the profile's."""
+
+    embedded_only: ClassVar[bool] = True
+    rate_hz: TruthRate | None = None
+
+
+POSE = SensorSpec("pose", PoseReading, PoseOptions)
+"""Its readings are captured, by a `PoseStream`: it has no model."""
 
 
 class RenderedDepth:

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from wil_campaign.worlds.files.model_keys import Path
+from wil_campaign.worlds.files.model_keys import Later, Path
 from wil_campaign.worlds.files.paths import require_utf8
 from wil_campaign.worlds.files.problems import BadInput, Problem, closest, closest_file
 from wil_campaign.worlds.files.validation import KeyFaultError, Part, describe, faults_of
@@ -39,6 +39,7 @@ __all__ = [
     "Document",
     "Entry",
     "KeyFaultError",
+    "Later",
     "Part",
     "Path",
     "Problem",
@@ -126,7 +127,6 @@ class Document:
         return entry.key if key or rest else entry.node.place
 
     def _reach(self, path: Path) -> tuple[Entry, Path]:
-        """Return the document's deepest entry on a path, and the rest of the path."""
         entry = Entry(self.root.place, self.root)
         for index, step in enumerate(path):
             value = entry.node.value
@@ -140,7 +140,6 @@ class Document:
 
 
 def _replace_value(node: Node, steps: tuple[str, ...], entry: Entry, dotted_key: str) -> Node:
-    """Return a document's node in which the value at the remaining steps is replaced."""
     step, rest = steps[0], steps[1:]
     value = {} if node.value is None else node.value
     if isinstance(value, tuple):

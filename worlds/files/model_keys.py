@@ -2,12 +2,28 @@
 
 import types
 import typing
+from collections.abc import Callable
+from dataclasses import dataclass
 
 from pydantic import BaseModel
 
 from wil_campaign.worlds.files.yaml_nodes import Data
 
 Path = tuple[str | int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Later:
+    """In an Annotated: the key's type is what `of` returns when a file is checked.
+
+    By then the plugins are registered, which may add to it.
+    """
+
+    of: Callable[[], typing.Any]
+
+    def __get_pydantic_core_schema__(self, _: object, handler: typing.Any) -> typing.Any:
+        """Return the schema of the key's type, for pydantic."""
+        return handler.generate_schema(self.of())
 
 
 def descend(here: object, step: str | int) -> tuple[bool, object]:
@@ -68,7 +84,9 @@ def _members(annotation: object) -> list[object]:
     """Return the types of an annotation for key look-up: union members, Annotated's content."""
     origin = typing.get_origin(annotation)
     if origin is typing.Annotated:
-        return _members(typing.get_args(annotation)[0])
+        inner, *facts = typing.get_args(annotation)
+        later = next((fact.of for fact in facts if isinstance(fact, Later)), None)
+        return _members(later() if later else inner)
     if origin in {typing.Union, types.UnionType}:
         return [m for part in typing.get_args(annotation) for m in _members(part)]
     return [annotation]

@@ -33,11 +33,16 @@ class Problem:
     suggestion: str = ""
 
     @property
+    def text(self) -> str:
+        """Return what is wrong, and what was meant, without the place."""
+        meant = f"; did you mean '{printable(self.suggestion)}'?" if self.suggestion else ""
+        return f"{printable(self.message)}{meant}"
+
+    @property
     def headline(self) -> str:
         """Return the first line of the problem's message: place, what is wrong, what was meant."""
         place = f"{self.file}:{self.line}:{self.column}" if self.line else self.file
-        meant = f"; did you mean '{printable(self.suggestion)}'?" if self.suggestion else ""
-        return f"{printable(place)}: {printable(self.message)}{meant}"
+        return f"{printable(place)}: {self.text}"
 
     def __str__(self) -> str:
         if not self.line or not self.source_line.strip():

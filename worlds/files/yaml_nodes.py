@@ -98,7 +98,6 @@ def sequence_node(items: tuple[Node, ...], place: Place) -> Node:
 def _check_size(
     value: dict[str, Entry] | tuple[Node, ...], children: list[Node], place: Place
 ) -> Node:
-    """Return a YAML node with its size and height counted from its children."""
     size = 1 + sum(child.size for child in children)
     return Node(value, place, size, 1 + max((child.height for child in children), default=0))
 
@@ -155,7 +154,6 @@ _parse_cached = lru_cache(maxsize=_CACHED_TEXTS)(_parse)
 
 
 def _syntax_problem(error: yaml.MarkedYAMLError, source: Source) -> Problem:
-    """Return the problem of a YAML syntax error."""
     mark = error.problem_mark or error.context_mark
     place = Place(source, mark.line + 1, mark.column + 1) if mark else Place(source)
     parts = [part for part in (error.context, error.problem) if part]
@@ -188,11 +186,9 @@ class _Builder:
         return root
 
     def _note(self, event: Any, message: str, suggestion: str = "") -> None:
-        """Note a problem at a YAML event."""
         self.problems.append(self._place(event).problem(message, suggestion))
 
     def _place(self, event: Any) -> Place:
-        """Return the place of a YAML event."""
         mark = event.start_mark
         return Place(self._source, mark.line + 1, mark.column + 1)
 
@@ -241,7 +237,6 @@ class _Builder:
         return Node(None, self._place(event))
 
     def _sequence(self, start: Any, depth: int) -> Node:
-        """Return the node of a YAML sequence."""
         items: list[Node] = []
         self._flows += bool(start.flow_style)
         while not isinstance(event := next(self._events), yaml.SequenceEndEvent):
@@ -287,7 +282,6 @@ class _Builder:
         return None
 
     def _scalar(self, event: Any) -> Node:
-        """Return the node of a YAML scalar."""
         place = self._place(event)
         text = str(event.value)
         # In braces, brackets, and where it is the whole document.

@@ -88,17 +88,24 @@ class Opening:
     """An opening of an object, to be flown through along the forward axis of `pose`.
 
     limit_m: half of the inner size. form "square": the offset is the larger one of right and
-    down (Chebyshev); "ring": it is radial.
+    down (Chebyshev); "ring": it is radial; "polygon": corners (right, down) round the centre, and
+    the offset is by how much nearer the edge is than the limit, which is the centre's distance.
     """
 
     name: str
-    form: Literal["square", "ring"]
+    form: Literal["square", "ring", "polygon"]
     limit_m: float
     pose: Pose = AT_ORIGIN
+    corners_m: tuple[tuple[float, float], ...] = ()
 
     def offset_m(self, point_m: Vec3) -> float:
-        """Return a point's distance from the opening's centre, beside the axis."""
+        """Return a point's distance from the opening's centre, beside the axis.
+
+        The limit less the offset is the distance to the edge, negative outside.
+        """
         _, right, down = point_m
+        if self.form == "polygon":
+            return self.limit_m - _distance_within(self.corners_m, (right, down))
         if self.form == "square":
             return max(abs(right), abs(down))
         return math.hypot(right, down)
@@ -119,3 +126,22 @@ class Opening:
             start[2] + (end[2] - start[2]) * fraction,
         )
         return Crossing(fraction, self.offset_m(middle), 1 if end[0] > start[0] else -1)
+
+
+def _distance_within(corners: tuple[tuple[float, float], ...], point: tuple[float, float]) -> float:
+    """Return a point's distance to the nearest edge of a polygon; negative outside of it.
+
+    Inside is by the number of edges that a ray crosses (even-odd rule).
+    """
+    x, y = point
+    inside, nearest = False, math.inf
+    for (x_0, y_0), (x_1, y_1) in zip(corners, (*corners[1:], corners[0]), strict=True):
+        along_x, along_y = x_1 - x_0, y_1 - y_0
+        length_2 = along_x**2 + along_y**2
+        share = 0.0
+        if length_2 > 0.0:
+            share = min(max(((x - x_0) * along_x + (y - y_0) * along_y) / length_2, 0.0), 1.0)
+        nearest = min(nearest, math.hypot(x - x_0 - share * along_x, y - y_0 - share * along_y))
+        if (y_0 > y) != (y_1 > y) and x < x_0 + (y - y_0) / along_y * along_x:
+            inside = not inside
+    return nearest if inside else -nearest

@@ -12,6 +12,11 @@ from wil_campaign.worlds.frames import Pose, matrix_from_quat
 from wil_campaign.worlds.scene import shapes
 from wil_campaign.worlds.scene.colors import NAMED, Rgb, parse_color
 from wil_campaign.worlds.scene.mesh_files.mesh_reader import Axes, MeshFileError, load_mesh_shape
+from wil_campaign.worlds.scene.mesh_openings import (
+    OpeningError,
+    outline_opening,
+    polygon_opening,
+)
 from wil_campaign.worlds.scene.motion import Motion, StartOn, Waypoint
 from wil_campaign.worlds.scene.scene import MAX_OBJECTS, SceneObject
 from wil_campaign.worlds.scene.shapes import Shape
@@ -22,6 +27,7 @@ from wil_campaign.worlds.world_file.world_schema import (
     Mode,
     MotionModel,
     ObjectModel,
+    OpeningModel,
     ShapeModel,
     Which,
 )
@@ -113,7 +119,7 @@ class WorldReader:
         path = self._folder / model.file
         axes = Axes(model.up, model.forward) if model.up and model.forward else None
         try:
-            return load_mesh_shape(
+            shape = load_mesh_shape(
                 path,
                 unit=model.unit,
                 scale=model.scale,
@@ -124,6 +130,24 @@ class WorldReader:
             self._note(at, f"mesh file '{model.file}': {error}", self._similar_file(model.file))
             self._unreadable.add(str(at[1]))
             return shapes.box((1.0, 1.0, 1.0))
+        return shape if model.opening is None else self._opened(at, shape, model.opening)
+
+    def _opened(self, at: _Path, shape: Shape, model: OpeningModel) -> Shape:
+        """Return a mesh's shape with its opening; what is wrong with it is noted."""
+        through = {"forward": (1.0, 0.0, 0.0), "right": (0.0, 1.0, 0.0), "up": (0.0, 0.0, -1.0)}
+        way = through[model.through]
+        try:
+            if model.at_m is not None:
+                forward, right, up = model.at_m
+                opening = outline_opening(shape.mesh, (forward, right, -up), way)
+            else:
+                corners = np.array(model.polygon_m) * (1.0, 1.0, -1.0)
+                opening = polygon_opening(corners, way)
+        except OpeningError as error:
+            key = "polygon_m" if model.at_m is None else "at_m"
+            self._note((*at[:-1], "opening", key), f"no opening: {error}")
+            return shape
+        return replace(shape, openings=(opening,))
 
     def _apply_colors(self, at: _Path, model: ObjectModel, shape: Shape) -> Shape:
         """Return an object's shape with its texture, if the world file names one."""

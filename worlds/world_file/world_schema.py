@@ -111,6 +111,28 @@ class QuadrotorModel(FilePart):
     size_m: Length = 0.3
 
 
+Corner = tuple[Coordinate, Coordinate, Coordinate]
+
+
+class OpeningModel(FilePart):
+    """An opening of a world file's mesh; lengths forward, right and up in the object's frame.
+
+    at_m: a point in it, within its depth: its outline is that of the mesh round this point.
+    polygon_m: or its corners, in their order round it. through: the way to fly through it.
+    """
+
+    at_m: Corner | None = None
+    polygon_m: Annotated[list[Corner], Field(min_length=3, max_length=200)] | None = None
+    through: Literal["forward", "right", "up"] = "forward"
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> "OpeningModel":
+        """Require exactly one way to state the opening of a world file's mesh."""
+        if (self.at_m is None) == (self.polygon_m is None):
+            raise ValueError("needs exactly one of 'at_m' and 'polygon_m'")
+        return self
+
+
 class MeshModel(FilePart):
     """A mesh of a world file, from a file beside it.
 
@@ -118,8 +140,9 @@ class MeshModel(FilePart):
     point up and forward; None takes what the file states, else its format's custom (.glb, .gltf,
     .dae: y up, z forward; .obj, .stl, .ply: z up, x forward). file: one beside this one, .obj,
     .stl, .ply, .glb, .gltf or .dae. scale: the factor by which all lengths of the file are
-    multiplied. transparent: opaque has surfaces drawn as opaque that the file has transparent or
-    with cut-outs; they are refused without it.
+    multiplied. opening: where it can be flown through, as a gate of a goal. transparent: opaque has
+    surfaces drawn as opaque that the file has transparent or with cut-outs; they are refused
+    without it.
     """
 
     file: str
@@ -128,6 +151,7 @@ class MeshModel(FilePart):
     scale: Annotated[float, Field(ge=1e-6, le=1e6)] = 1.0
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
     forward: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
+    opening: OpeningModel | None = None
 
     @model_validator(mode="after")
     def _axes_differ(self) -> "MeshModel":

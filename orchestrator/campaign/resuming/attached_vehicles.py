@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.case_setup import Setup
-from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
+from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup, VehicleSetup
 from wil_campaign.orchestrator.model.campaign_results import VehicleKind
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.session.identity import Identity, same_vehicle
 from wil_campaign.vehicles.errors import IdentifyError
@@ -22,6 +23,7 @@ from wil_campaign.vehicles.links.link_conditions import LinkConditions, under_co
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 from wil_campaign.vehicles.links.udp import RIVAL_REMEDY, UdpLink
+from wil_campaign.vehicles.mavlink.names import message_name
 
 _POSITION_S = 3.0
 """How long to wait for a position and a battery state, which a vehicle may not have."""
@@ -35,7 +37,8 @@ class AttachedVehicle:
     """An attached vehicle that was identified over its link.
 
     place_deg: latitude and longitude by its own estimate, None while it knows none. battery: 0 to
-    1, None where unknown.
+    1, None where unknown. truth: the message in which its simulator sent its ground truth, where
+    that was asked for; empty for none.
     """
 
     name: str
@@ -44,6 +47,7 @@ class AttachedVehicle:
     place_deg: tuple[float, float] | None
     battery: float | None
     armed: bool
+    truth: str = ""
 
     def __str__(self) -> str:
         """Return the attached vehicle in words."""
@@ -61,6 +65,17 @@ class AttachedVehicle:
         if self.place_deg is None:
             return "position unknown"
         return f"at {self.place_deg[0]:.6f}, {self.place_deg[1]:.6f}"
+
+    @property
+    def judged_text(self) -> str:
+        """Return by what it is judged, where its file leaves that open."""
+        if self.truth:
+            return (
+                f"{self.name}: judged by its simulator's ground truth ({self.truth}); "
+                f"vehicles.{self.name}.pose_source=mavlink judges by its estimate"
+            )
+        why = "sends no ground truth" if self.identity.simulation else "is no simulation"
+        return f"{self.name}: judged by its estimate, as it {why}"
 
 
 def planned_modes(campaign: Campaign, case: str) -> list[Mode]:
@@ -93,6 +108,17 @@ def flown_vehicles(campaign: Campaign) -> tuple[FlownSetup, ...]:
 def attached_vehicles(campaign: Campaign) -> tuple[FlownSetup, ...]:
     """Return the campaign's attached vehicles: neither embedded nor launched."""
     return tuple(one for one in flown_vehicles(campaign) if one.attached is not None)
+
+
+def with_open_poses(campaign: Campaign) -> tuple[str, ...]:
+    """Return the vehicles whose pose source the campaign leaves open in each of its cases."""
+    flown = [one for setup, mode in planned_setups(campaign) for one in setup.flown_in(mode)]
+    given = {one.name for one in flown if not _leaves_poses_open(one)}
+    return tuple(dict.fromkeys(one.name for one in flown if one.name not in given))
+
+
+def _leaves_poses_open(vehicle: FlownSetup) -> bool:
+    return isinstance(vehicle, VehicleSetup) and vehicle.asks_pose_source
 
 
 def kinds_of_real(
@@ -160,6 +186,8 @@ async def _find(vehicle: FlownSetup, timeout_s: float) -> AttachedVehicle:
         system_id=vehicle.system_id,
         rates=vehicle.rates,
     )
+    if _leaves_poses_open(vehicle):
+        driver.on_truth(lambda _: None)
     return await _identify(driver, raw, address=link.name, timeout_s=timeout_s)
 
 
@@ -182,7 +210,8 @@ async def _identify(
         began_s = loop.time()
         identity = await driver.identify(timeout_s)
         for _ in range(round(_POSITION_S / _POLL_S)):
-            if _has_position_and_battery(driver) and loop.time() - began_s >= _HEARTBEATS_S:
+            is_known = _has_position_and_battery(driver) and _has_sent_truth(driver, identity)
+            if is_known and loop.time() - began_s >= _HEARTBEATS_S:
                 break
             await asyncio.sleep(_POLL_S)
         _refuse_rivals(driver.name, links)
@@ -194,7 +223,17 @@ async def _identify(
             place_deg=driver.place_deg,
             battery=None if state.battery is None else state.battery.remaining,
             armed=state.armed,
+            truth=_truth_message(identity) if driver.truth.count else "",
         )
+
+
+def _has_sent_truth(driver: Driver, identity: Identity) -> bool:
+    """Return whether a ground truth has come, or is not waited for."""
+    return bool(driver.truth.count) or not (driver.truth.wanted and identity.simulation)
+
+
+def _truth_message(identity: Identity) -> str:
+    return message_name(autopilot_named(identity.autopilot).truth_message_id)
 
 
 def _refuse_rivals(name: str, links: Iterable[Link]) -> None:

@@ -62,7 +62,7 @@ def doctor(
     wanted = given(checks)
     if vehicle is not None or wanted:
         if files:
-            err("--vehicle and its checks are of a vehicle only; leave the campaign files out")
+            err("--vehicle checks one vehicle and no files; leave the campaign files out")
             return REFUSED
         return check_vehicle(vehicle, wanted, arm_real=arm_real, results=out_, as_json=json_)
     findings = [*_findings(out_), *links.campaign_links(files)]

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.campaigns.setup.bench_file import load_benches
 from wil_campaign.orchestrator.campaign.reevaluation import Reevaluation, judge_campaign_again
+from wil_campaign.orchestrator.cli.announcements import announce_verdicts
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import table
 from wil_campaign.orchestrator.cli.verdict_table import closing_lines
@@ -87,6 +88,7 @@ def judge(
             changed_since_flight=judgement.changed_since_flight,
         ):
             out(line.plain)
+    announce_verdicts(campaign, judgement.summary, folder)
     return judgement.exit_code
 
 

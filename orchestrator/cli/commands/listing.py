@@ -1,4 +1,4 @@
-"""`wil-campaign list`: lists campaigns, recipe steps, autonomies, oracles, signals, plugins."""
+"""`wil-campaign list`: lists campaigns, what they can name, and plugins."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -10,6 +10,8 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from wil_campaign import campaigns
+from wil_campaign.campaigns.schema.json_schemas import summary_of
+from wil_campaign.campaigns.schema.sensors import sensor_parts
 from wil_campaign.campaigns.setup.autonomy_under_test import shipped_autonomies
 from wil_campaign.installed_plugins import installed
 from wil_campaign.orchestrator.cli.standard_streams import out
@@ -22,9 +24,10 @@ from wil_campaign.safety.oracles.oracle_docs import (
     describe_oracles,
 )
 from wil_campaign.safety.oracles.registry import oracle_kinds
+from wil_campaign.vehicles.readings import sensor_names
 from wil_campaign.worlds.files.documents import BadInput, load
 
-What = Literal["campaigns", "operators", "autonomies", "oracles", "signals", "plugins"]
+What = Literal["campaigns", "operators", "autonomies", "oracles", "signals", "sensors", "plugins"]
 Row = dict[str, Any]
 
 _WIDTH = 100
@@ -33,14 +36,15 @@ _WIDTH = 100
 def list_available(
     what: What, *, json_: Annotated[bool, Parameter(name="--json", negative=())] = False
 ) -> int:
-    """List what campaigns can name: operators, autonomies, oracles, signals; campaigns; plugins.
+    """List what campaigns can name: operators, autonomies, oracles, sensors; campaigns; plugins.
 
     Parameters
     ----------
     what
         campaigns: those in ./campaigns and those of the program; operators: steps of
         recipes; autonomies: what `autonomy.use` may name; oracles: what `oracles` may name;
-        signals: what formulas of oracles (stl) may name; plugins: what extends the program, of
+        signals: what formulas of oracles (stl) may name; sensors: their types, and the keys of
+        each; plugins: what extends the program, of
         which distribution, and what each adds.
     json_
         Print one JSON document.
@@ -58,7 +62,6 @@ def list_available(
 
 
 def _campaigns() -> list[Row]:
-    """Return the listing of campaigns in the folder and of shipped ones."""
     folders = (Path("campaigns"), Path(campaigns.__file__).parent)
     files = {path.resolve(): path for folder in reversed(folders) for path in folder.glob("*.yaml")}
     return [_campaign(path) for path in sorted(files.values())]
@@ -75,22 +78,18 @@ def _campaign(path: Path) -> Row:
 
 
 def _operators() -> list[Row]:
-    """Return the listing of recipe steps."""
     return [asdict(describe_step(kind)) for kind in steps()]
 
 
 def _autonomies() -> list[Row]:
-    """Return the listing of shipped autonomies."""
     return [{"name": each.name, "summary": each.summary} for each in shipped_autonomies()]
 
 
 def _oracle_rows() -> list[Row]:
-    """Return the listing of oracles."""
     return [asdict(describe_oracles(spec)) for _, spec in sorted(oracle_kinds().items())]
 
 
 def _signals() -> list[Row]:
-    """Return the listing of STL signals."""
     return [
         {"name": name, "unit": unit or "true or false", "meaning": meaning}
         for kind in oracle_kinds().values()
@@ -98,8 +97,18 @@ def _signals() -> list[Row]:
     ]
 
 
+def _sensors() -> list[Row]:
+    return [
+        {
+            "name": name,
+            "keys": ", ".join(key for key in part.model_fields if key != "type"),
+            "summary": summary_of(part),
+        }
+        for name, part in zip(sensor_names(), sensor_parts(), strict=True)
+    ]
+
+
 def _plugins() -> list[Row]:
-    """Return the listing of plugins."""
     return [
         {
             "name": each.name,
@@ -113,7 +122,6 @@ def _plugins() -> list[Row]:
 
 
 def _oracle_text() -> str:
-    """Return the listing of oracles as text, with their and the common parameters."""
     lines: list[str] = []
     for _, spec in sorted(oracle_kinds().items()):
         doc = describe_oracles(spec)
@@ -141,12 +149,10 @@ def _step_lines(doc: StepDoc) -> list[str]:
 
 
 def _wrap_lines(text: str) -> list[str]:
-    """Return a text of the listing wrapped and indented."""
     return wrap(text, _WIDTH, initial_indent="    ", subsequent_indent="    ")
 
 
 def _parameter_lines(parameters: tuple[ParameterDoc, ...]) -> list[str]:
-    """Return the listing of a step's parameters, one line each."""
     return _align_columns(
         [
             (
@@ -161,7 +167,6 @@ def _parameter_lines(parameters: tuple[ParameterDoc, ...]) -> list[str]:
 
 
 def _align_columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Return the listing's rows with aligned columns, except the last."""
     if not rows:
         return []
     last = len(rows[0]) - 1
@@ -178,5 +183,6 @@ _LISTS: dict[What, Callable[[], list[Row]]] = {
     "autonomies": _autonomies,
     "oracles": _oracle_rows,
     "signals": _signals,
+    "sensors": _sensors,
     "plugins": _plugins,
 }

@@ -32,7 +32,9 @@ def plan(
         Print one JSON document.
     """
     campaign = load_campaign(file, choice.options())
-    out(_as_json(campaign) if json_ else _as_table(campaign))
+    document = plan_document(campaign)
+    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    out(text if json_ else _as_table(campaign))
     return 0
 
 
@@ -76,9 +78,9 @@ def _runs_text(campaign: Campaign) -> str:
     return f"{len(campaign.runs)} runs{controls}"
 
 
-def _as_json(campaign: Campaign) -> str:
-    """Return the plan as JSON."""
-    document = {
+def plan_document(campaign: Campaign) -> dict[str, object]:
+    """Return the plan as the document of --json."""
+    return {
         "campaign": campaign.name,
         "seed": campaign.seed,
         "runs": [
@@ -113,4 +115,3 @@ def _as_json(campaign: Campaign) -> str:
             for r in campaign.requirements
         ],
     }
-    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)

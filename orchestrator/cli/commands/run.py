@@ -17,6 +17,7 @@ from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputErro
 from wil_campaign.orchestrator.campaign.folder.repetitions import planned
 from wil_campaign.orchestrator.campaign.resuming.resumption import ResumeError
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
+from wil_campaign.orchestrator.cli.announcements import announce_verdicts
 from wil_campaign.orchestrator.cli.arming_consent import RefusedError
 from wil_campaign.orchestrator.cli.engine_flight import ready_flight
 from wil_campaign.orchestrator.cli.final_report import write_final_report
@@ -68,8 +69,8 @@ def run(
         The campaign file.
     gcs
         A ground station's LINK, or NAME=LINK for one vehicle (udpout://127.0.0.1:14550): the guard
-        passes MAVLink on to it, and back what reads or takes over. It needs the wall clock; may
-        be given several times.
+        forwards MAVLink to it, and from it only messages that read or take over. It needs the
+        wall clock; may be given several times.
     no_arm
         Try each case and mode once, up to arming: links, parameters, fence, readiness.
     json_
@@ -99,7 +100,6 @@ def run(
 
 
 def _key_sets(keys: PluginOptions) -> list[str]:
-    """Return the options of plugins that set keys as overrides of the run."""
     known = added(run_options)
     return [f"{known[name].key}={value}" for name, value in given(keys).items()]
 
@@ -137,6 +137,7 @@ def _fly_selected(
         out(to_json(outcome.summary).rstrip())
     else:
         _print_verdicts(outcome, campaign, report, file)
+    announce_verdicts(campaign, outcome.summary, outcome.folder, arm=options.arm)
     return outcome.exit_code
 
 

@@ -7,23 +7,33 @@ from cyclopts import Parameter
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
 from wil_campaign.campaigns.setup.bench_file import Bench, load_benches, read_bench
-from wil_campaign.hooks import campaign_keys
-from wil_campaign.installed_plugins import added, load
+from wil_campaign.hooks import campaign_keys, problem_formats
+from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.orchestrator.cli.announcements import announce_problems
 from wil_campaign.orchestrator.cli.clock_choice import clock_for, external_needs
+from wil_campaign.orchestrator.cli.plugin_options import (
+    NO_OPTIONS,
+    PluginOptions,
+    given,
+    takes_options,
+)
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import count_text
 from wil_campaign.orchestrator.model.clock import Clock
+from wil_campaign.orchestrator.model.document_writer import write_whole
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.language.recipe_files import load_recipe_document
 from wil_campaign.worlds.files.documents import BadInput, Problem
 from wil_campaign.worlds.world_file.world import World
 
 
+@takes_options(problem_formats, "formats", Path | None)
 def validate(
     *files: Path,
     clock: Clock | None = None,
     set_: Annotated[tuple[str, ...], Parameter(name="--set", negative=())] = (),
     bench_file: Annotated[tuple[Path, ...], Parameter(negative=())] = (),
+    formats: PluginOptions = NO_OPTIONS,
 ) -> int:
     """Report all faults of files; nothing flies.
 
@@ -41,27 +51,51 @@ def validate(
     if not files:
         err("validate needs at least one file")
         return 2
+    for name in given(formats):
+        if why := absent(problem_formats).get(name):
+            err(why)
+            return 2
     options = Options(sets=set_, is_autonomy_isolated=True, benches=load_benches(bench_file))
     problems: list[Problem] = []
+    warnings: list[Problem] = []
     for file in files:
         try:
-            out(_check_file(file, clock, options))
+            out(_check_file(file, clock, options, warnings))
         except BadInput as error:
             problems += error.problems
+            warnings += error.warnings
             for warning in error.warnings:
                 err(f"warning: {warning}")
-    if not problems:
-        return 0
-    found = list(dict.fromkeys(problems))
+    found = tuple(dict.fromkeys(problems))
     for problem in found:
         err(problem)
+    warned = tuple(dict.fromkeys(warnings))
+    announce_problems(found, warned)
+    is_written = _write_formats(formats, found, warned)
+    if not found:
+        return 0 if is_written else 3
     names = len({problem.file for problem in found})
     err(f"{count_text(len(found), 'problem')} in {count_text(names, 'file')}")
     return 2
 
 
-def _check_file(file: Path, clock: Clock | None, options: Options) -> str:
-    """Return a line about a valid file of any kind. Raises BadInput."""
+def _write_formats(
+    formats: PluginOptions, problems: tuple[Problem, ...], warnings: tuple[Problem, ...]
+) -> bool:
+    """Write what was found in the formats that were asked for; return whether all are there."""
+    is_written = True
+    for name, path in given(formats).items():
+        text = load(added(problem_formats)[name].text)(problems, warnings)
+        try:
+            write_whole(path, text)
+        except OSError as error:
+            err(f"{path}: cannot be written: {error.strerror or error}")
+            is_written = False
+    return is_written
+
+
+def _check_file(file: Path, clock: Clock | None, options: Options, warnings: list[Problem]) -> str:
+    """Return a line about a valid file of any kind; add what it warns of. Raises BadInput."""
     document = load_recipe_document(file)
     schema = document.get(("schema",))
     if schema == "wil/world/1":
@@ -73,6 +107,7 @@ def _check_file(file: Path, clock: Clock | None, options: Options) -> str:
     if schema == "wil/bench/1":
         return f"{file}: {bench_summary(read_bench(document))}"
     campaign = load_campaign(file, options)
+    warnings += campaign.warnings
     for warning in campaign.warnings:
         err(f"warning: {warning}")
     for name, key in added(campaign_keys).items():
@@ -90,7 +125,6 @@ def bench_summary(bench: Bench) -> str:
 
 
 def _summary(campaign: Campaign) -> str:
-    """Return the summary line of a valid campaign."""
     required = sum(run.required for run in campaign.runs)
     sizes = (
         count_text(len(campaign.cases), "case"),

@@ -15,7 +15,6 @@ from wil_campaign.orchestrator.recording.mcap.mcap_json import (
     vector,
 )
 from wil_campaign.vehicles.readings import (
-    SENSOR_TYPES,
     CameraReading,
     DepthReading,
     GpsReading,
@@ -27,6 +26,7 @@ from wil_campaign.vehicles.readings import (
     RangefinderReading,
     Reading,
     Source,
+    reading_types,
 )
 from wil_campaign.vehicles.readings.numbers import number_fields
 from wil_campaign.worlds.camera import Intrinsics
@@ -73,7 +73,6 @@ def _times(wil: Json) -> tuple[float, float, int, Source]:
 
 
 def _intrinsics(value: Json) -> Intrinsics:
-    """Decode a camera's intrinsics."""
     return Intrinsics(
         width_px=value["width_px"],
         height_px=value["height_px"],
@@ -94,7 +93,6 @@ def _camera_pose(value: Json) -> Pose | None:
 
 
 def _camera(document: Json, parts: Parts) -> CameraReading:
-    """Decode a camera reading."""
     wil = document["wil"]
     return CameraReading(
         *_times(wil),
@@ -108,7 +106,6 @@ def _camera(document: Json, parts: Parts) -> CameraReading:
 
 
 def _depth(document: Json, parts: Parts) -> DepthReading:
-    """Decode a depth reading."""
     wil = document["wil"]
     return DepthReading(
         *_times(wil),
@@ -121,7 +118,6 @@ def _depth(document: Json, parts: Parts) -> DepthReading:
 
 
 def _scan(document: Json, _: Parts) -> LidarScanReading:
-    """Decode a lidar scan."""
     wil = document["wil"]
     ids = wil["object_ids"]
     return LidarScanReading(
@@ -137,7 +133,6 @@ def _scan(document: Json, _: Parts) -> LidarScanReading:
 
 
 def _points(document: Json, _: Parts) -> LidarPointsReading:
-    """Decode a point cloud."""
     stride = document["point_stride"]
     packed = np.frombuffer(bytes_of(document["data"]), np.uint8).reshape(-1, stride)
     points = np.ascontiguousarray(packed[:, :12]).view("<f4")
@@ -150,7 +145,6 @@ def _points(document: Json, _: Parts) -> LidarPointsReading:
 
 
 def _rangefinder(document: Json, _: Parts) -> RangefinderReading:
-    """Decode a rangefinder reading."""
     wil = document["wil"]
     return RangefinderReading(
         *_times(wil),
@@ -162,7 +156,6 @@ def _rangefinder(document: Json, _: Parts) -> RangefinderReading:
 
 
 def _gps(document: Json, _: Parts) -> GpsReading:
-    """Decode a GPS reading."""
     wil = document["wil"]
     return GpsReading(
         *_times(wil),
@@ -178,7 +171,6 @@ def _gps(document: Json, _: Parts) -> GpsReading:
 
 
 def _pose(document: Json, _: Parts) -> PoseReading:
-    """Decode a pose reading."""
     wil = document["wil"]
     t_s, arrived_s, seq, source = _times(wil)
     velocity = wil["velocity_ned_m_s"]
@@ -193,7 +185,6 @@ def _pose(document: Json, _: Parts) -> PoseReading:
 
 
 def _imu(document: Json, _: Parts) -> ImuReading:
-    """Decode an IMU reading."""
     force, rates = document["linear_acceleration"], document["angular_velocity"]
     return ImuReading(
         *_times(document["wil"]),
@@ -203,7 +194,6 @@ def _imu(document: Json, _: Parts) -> ImuReading:
 
 
 def _microphone(document: Json, _: Parts) -> MicrophoneReading:
-    """Decode a microphone reading."""
     wil = document["wil"]
     return MicrophoneReading(
         *_times(wil),
@@ -215,11 +205,10 @@ def _microphone(document: Json, _: Parts) -> MicrophoneReading:
 
 def _numbers(document: Json, _: Parts) -> Reading:
     wil = document["wil"]
-    kind: Any = SENSOR_TYPES[wil["type"]]
-    numbers = number_fields(kind).items()
-    reading: Reading = kind(
-        *_times(wil), **{name: of(number(document[name])) for name, of in numbers}
-    )
+    kind: Any = reading_types()[wil["type"]]
+    stamps = dict(zip(("t_s", "arrived_s", "seq", "source"), _times(wil), strict=True))
+    numbers = {name: of(number(document[name])) for name, of in number_fields(kind).items()}
+    reading: Reading = kind(**stamps, **numbers)
     return reading
 
 

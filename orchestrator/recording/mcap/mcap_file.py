@@ -6,7 +6,7 @@ from pathlib import Path
 from mcap.writer import CompressionType, Writer
 
 from wil_campaign.orchestrator.recording.mcap.mcap_encode import Channel, Message
-from wil_campaign.orchestrator.recording.mcap.mcap_schemas import SCHEMAS
+from wil_campaign.orchestrator.recording.mcap.mcap_schemas import schemas
 
 LIBRARY = "wil-campaign"
 
@@ -110,7 +110,7 @@ class ChunkedFile:
         if known is not None:
             return known
         if channel.schema not in self._schemas:
-            text = SCHEMAS[channel.schema] if schema is None else schema
+            text = schemas()[channel.schema] if schema is None else schema
             number = self._writer.register_schema(channel.schema, "jsonschema", text)
             self._schemas[channel.schema] = number
         facts = {"source": channel.source, "sensor": channel.sensor, "part": channel.part}

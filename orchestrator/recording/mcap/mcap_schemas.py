@@ -9,11 +9,12 @@ import json
 import types
 import typing
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import msgspec
 
-from wil_campaign.vehicles.readings import SENSOR_TYPES
+from wil_campaign.vehicles.readings import reading_types
 from wil_campaign.vehicles.readings.numbers import is_numbers, number_fields
 
 Schema = dict[str, Any]
@@ -26,12 +27,10 @@ _BASE64: Schema = {"type": "string", "contentEncoding": "base64"}
 
 
 def _object(title: str, **properties: Schema) -> Schema:
-    """Return the JSON schema of an object."""
     return {"title": title, "type": "object", "properties": properties}
 
 
 def _array(items: Schema) -> Schema:
-    """Return the JSON schema of an array."""
     return {"type": "array", "items": items}
 
 
@@ -129,13 +128,15 @@ _ALL: tuple[Schema, ...] = (
         line=_INTEGER,
     ),
     _with_stamp("wil.Imu", linear_acceleration=_VECTOR3, angular_velocity=_VECTOR3),
-    *map(_numbers, filter(is_numbers, SENSOR_TYPES.values())),
 )
 
-SCHEMAS: Mapping[str, bytes] = types.MappingProxyType(
-    {schema["title"]: json.dumps(schema, separators=(",", ":")).encode() for schema in _ALL}
-)
-"""By name; the text in the file."""
+
+@cache
+def schemas() -> Mapping[str, bytes]:
+    """Return the text of each schema of run.mcap by its name, with those of plugins' readings."""
+    numbers = map(_numbers, filter(is_numbers, reading_types().values()))
+    texts = ((each["title"], json.dumps(each, separators=(",", ":"))) for each in (*_ALL, *numbers))
+    return {name: text.encode() for name, text in texts}
 
 
 def schema_of(title: str, kind: type) -> bytes:

@@ -42,7 +42,11 @@ class RecordedWorld:
         if not isinstance(goal, dict):
             return []
         found = [self.judged[name] for name in self.gates if name in self.judged]
-        places = [obj.pose_at(0.0, events).position_ned_m for obj in found]
+        places = [
+            obj.pose_at(0.0, events).compose(one.pose).position_ned_m
+            for obj in found
+            for one in obj.shape.openings
+        ]
         target = goal.get("position")
         if isinstance(target, dict):
             values = [target.get(key) for key in ("north_m", "east_m", "up_m")]

@@ -122,7 +122,6 @@ async def _restore(run: FlightParts) -> None:
 
 
 def _record_events(run: FlightParts, context: VehicleContext) -> None:
-    """Record a vehicle's events in the run."""
     context.driver.on_event(lambda event: run.recorder.vehicle_event(context.name, event))
 
 
@@ -144,7 +143,6 @@ async def _fly_stages(run: FlightParts) -> None:
 
 
 async def _fly_pair_stages(run: FlightParts) -> None:
-    """Fly the run's stages with the pair."""
     setup = run.setup
     await fly_together(
         run.pair.contexts,

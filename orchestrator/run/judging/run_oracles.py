@@ -27,6 +27,7 @@ def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
             mode=setup.mode,
             subject=setup.subject,
             vehicle=vehicle.name,
+            pose_source=vehicle.pose_source,
             body_half_m=vehicle.body.half_m,
             start=vehicle.start,
             probe=ClearanceProbe(scene, vehicle.body),

@@ -3,7 +3,6 @@
 import asyncio
 import zlib
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
@@ -13,14 +12,9 @@ from wil_campaign.campaigns.setup.case_setup import VehicleSetup
 from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
-    GpsSetup,
-    ImuSetup,
-    LidarPointsSetup,
-    MicrophoneSetup,
-    PoseSetup,
-    RangefinderSetup,
-    RangingSetup,
+    OtherSetup,
     SensorSetup,
+    options_of,
 )
 from wil_campaign.orchestrator.external.external_io import ExternalIo
 from wil_campaign.orchestrator.run.vehicles.vehicle_backends import Feed, vehicle_seed
@@ -38,30 +32,15 @@ from wil_campaign.vehicles.cameras.rendered_cameras import (
 )
 from wil_campaign.vehicles.embedded.physics.states import TruthSample
 from wil_campaign.vehicles.readings.copies import restamp_reading
-from wil_campaign.vehicles.sensors.beams import RangeNoise
+from wil_campaign.vehicles.readings.kinds import sensor_specs
 from wil_campaign.vehicles.sensors.depth import DEPTH_NOISES, DepthSensor
-from wil_campaign.vehicles.sensors.gps import GPS_NOISES, GPS_TIMING, GpsSensor
-from wil_campaign.vehicles.sensors.imu import IMU_NOISES, ImuSensor
 from wil_campaign.vehicles.sensors.lens import ThroughLens
-from wil_campaign.vehicles.sensors.lidar import (
-    POINTS_NOISES,
-    POINTS_TIMING,
-    RANGEFINDER_NOISES,
-    RANGEFINDER_TIMING,
-    SCAN_NOISES,
-    SCAN_TIMING,
-    LidarPointsSensor,
-    LidarScanSensor,
-    RangefinderSensor,
-)
-from wil_campaign.vehicles.sensors.microphone import MICROPHONE_NOISES, MicrophoneSensor
-from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
+from wil_campaign.vehicles.sensors.sensor_spec import MountedOptions, Sensor, SensorSite
 from wil_campaign.vehicles.sensors.sensor_streams import (
     OnDemand,
     OnDemandSensor,
     PoseStream,
     RenderedDepth,
-    Sensor,
     SensorStream,
     Stream,
 )
@@ -72,7 +51,7 @@ from wil_campaign.worlds.scene.scene import Scene
 
 T = TypeVar("T")
 
-IMU_TRUTH_HZ = 250.0
+TRUTH_HZ = 250.0
 """Rate of the truth that sensors sample: the step rate of the physics."""
 POSE_DELAY_S = 0.01
 """How long after an exposure its pose is looked up: by then the samples around it have arrived."""
@@ -120,13 +99,13 @@ class SensorFactory:
         external = self._external_io.readings.get(vehicle.name, sensor.name)
         if external is not None:
             return external
-        if isinstance(sensor, PoseSetup):
+        if sensor.kind == "pose":
             context = self._contexts[vehicle.name]
             return PoseStream(listen=context.on_mocap, rate_hz=sensor.rate_hz)
         return SensorStream(
             sensor=self._model(vehicle, sensor, like=sensor),
             track=self._track(vehicle.name),
-            rate_hz=sensor.rate_hz,
+            rate_hz=sensor.rate_hz or TRUTH_HZ,
             rng=self._rng(vehicle, sensor),
             compute=self._compute(sensor),
             truth_delay_s=self._pose_delay_s(vehicle),
@@ -191,8 +170,6 @@ class SensorFactory:
     def _model(self, vehicle: VehicleSetup, sensor: SensorSetup, *, like: SensorSetup) -> Sensor:
         """Return a sensor's model. like: the sensor whose mount it has."""
         noise = self._setup.profiles[vehicle.name].sensors
-        if isinstance(sensor, RangingSetup):
-            return self._ranging_sensor(vehicle, sensor, like, noise)
         if isinstance(sensor, DepthSetup):
             camera = self._setup.profiles[vehicle.name].camera
             return RenderedDepth(
@@ -203,70 +180,20 @@ class SensorFactory:
                 sensor=DepthSensor(noise=DEPTH_NOISES.named(noise)),
                 timing=Timing(sensor.rate_hz, camera.latency_s, camera.jitter_s),
             )
-        if isinstance(sensor, GpsSetup):
-            return GpsSensor(
-                source=vehicle.name,
+        model = sensor_specs()[sensor.kind].model
+        if model is None or not isinstance(sensor, OtherSetup):
+            raise TypeError(f"no sensor model for the {sensor.kind} of {vehicle.name}")
+        made: Sensor = model(
+            sensor.options,
+            SensorSite(
+                side=vehicle.name,
                 frame=self._setup.campaign.world.frame,
-                noise=GPS_NOISES.named(noise),
-                timing=self._sensor_timing(vehicle, GPS_TIMING, sensor.rate_hz),
-            )
-        if isinstance(sensor, MicrophoneSetup):
-            return MicrophoneSensor(
-                source=vehicle.name,
-                noise=MICROPHONE_NOISES.named(noise),
-                sample_rate_hz=sensor.sample_rate_hz,
-                block_samples=sensor.block_samples,
-            )
-        if isinstance(sensor, ImuSetup):
-            return ImuSensor(
-                source=vehicle.name,
-                noise=IMU_NOISES.named(noise),
-                timing=Timing(sensor.rate_hz or IMU_TRUTH_HZ),
-            )
-        raise TypeError(f"no sensor model for {type(sensor).__name__} of {vehicle.name}")
-
-    def _ranging_sensor(
-        self, vehicle: VehicleSetup, sensor: RangingSetup, like: SensorSetup, noise: NoiseSetName
-    ) -> Sensor:
-        mount = like.mount if isinstance(like, RangingSetup) else sensor.mount
-        cast = self._caster(vehicle.name)
-        if isinstance(sensor, RangefinderSetup):
-            return RangefinderSensor(
-                source=vehicle.name,
-                cast=cast,
-                half_angle_rad=sensor.half_angle_rad,
-                noise=within_reach(RANGEFINDER_NOISES.named(noise), sensor),
-                timing=self._sensor_timing(vehicle, RANGEFINDER_TIMING, sensor.rate_hz),
-                mount=mount,
-            )
-        if isinstance(sensor, LidarPointsSetup):
-            return LidarPointsSensor(
-                source=vehicle.name,
-                cast=cast,
-                pattern=sensor.pattern,
-                noise=within_reach(POINTS_NOISES.named(noise), sensor),
-                timing=self._sensor_timing(vehicle, POINTS_TIMING, sensor.rate_hz),
-                mount=mount,
-            )
-        return LidarScanSensor(
-            source=vehicle.name,
-            cast=cast,
-            pattern=sensor.pattern,
-            noise=within_reach(SCAN_NOISES.named(noise), sensor),
-            timing=self._sensor_timing(vehicle, SCAN_TIMING, sensor.rate_hz),
-            mount=mount,
+                noise=noise,
+                mount=(options_of(like, MountedOptions) or sensor.options).mounted,
+                caster=partial(self._caster, vehicle.name),
+            ),
         )
-
-    def _sensor_timing(self, vehicle: VehicleSetup, datasheet: Timing, rate_hz: float) -> Timing:
-        """Return a sensor's timing: ideal, or late as data sheets say.
-
-        A scan of a lidar is delivered when its turn is complete: a faster one has less latency.
-        """
-        if self._setup.profiles[vehicle.name].sensors == "ideal":
-            return Timing(rate_hz)
-        turn_s = 1.0 / datasheet.rate_hz
-        late_s = 1.0 / rate_hz if datasheet.latency_s == turn_s else datasheet.latency_s
-        return Timing(rate_hz, late_s, datasheet.jitter_s)
+        return made
 
     def _has_truth(self, vehicle: VehicleSetup) -> bool:
         """Return whether a vehicle is an embedded simulation that flies; a placed twin does not."""
@@ -297,7 +224,7 @@ class SensorFactory:
         if name not in self._tracks:
             self._tracks[name] = TruthHistory()
             if self._has_truth(self._setup.vehicle(name)):
-                self._feeds[name].on_truth(self._tracks[name].add, IMU_TRUTH_HZ)
+                self._feeds[name].on_truth(self._tracks[name].add, TRUTH_HZ)
             else:
                 self._contexts[name].on_pose(partial(_add_pose_as_truth, self._tracks[name]))
         return self._tracks[name]
@@ -316,7 +243,7 @@ def is_image(sensor: SensorSetup) -> bool:
 
     None of them goes to an autopilot: those that do are of use until the vehicle has landed.
     """
-    return isinstance(sensor, CameraSetup | DepthSetup | LidarPointsSetup)
+    return sensor.kind in {"camera", "depth", "lidar_points"}
 
 
 def _add_pose_as_truth(track: TruthHistory, sample: PoseSample) -> None:
@@ -329,14 +256,4 @@ def _add_pose_as_truth(track: TruthHistory, sample: PoseSample) -> None:
             on_ground=False,
             motors_stopped=False,
         )
-    )
-
-
-def within_reach(noise: RangeNoise, sensor: RangingSetup) -> RangeNoise:
-    """Return a ranging sensor's noise with the range limits of its setup."""
-    low_m, high_m = sensor.reach.min_m, sensor.reach.max_m
-    return replace(
-        noise,
-        range_min_m=noise.range_min_m if low_m is None else low_m,
-        range_max_m=noise.range_max_m if high_m is None else high_m,
     )

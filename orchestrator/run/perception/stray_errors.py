@@ -6,7 +6,6 @@ Python prints such an error and goes on: an autonomy half of which is dead would
 import sys
 import threading
 from collections import deque
-from types import TracebackType
 from typing import Any, Self
 
 from wil_campaign.orchestrator.run.perception.autonomy_calls import (
@@ -49,12 +48,7 @@ class StrayErrors:
         sys.unraisablehook = self._on_unraisable
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         threading.excepthook, sys.unraisablehook = self._before
         self.decide()
 

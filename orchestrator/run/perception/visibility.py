@@ -6,12 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wil_campaign.campaigns.values.sensor_setups import (
-    CameraSetup,
-    DepthSetup,
-    LidarPointsSetup,
-    RangefinderSetup,
-)
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup, options_of
 from wil_campaign.campaigns.values.sensor_setups import SensorSetup as Setup
 from wil_campaign.orchestrator.run.perception.expected_views import ExpectedViews
 from wil_campaign.recipes.model.recipe import Combination
@@ -37,6 +32,7 @@ from wil_campaign.vehicles.sensors.beams import (
     grid_directions,
     plane_directions,
 )
+from wil_campaign.vehicles.sensors.lidar import LidarPointsOptions, RangefinderOptions
 from wil_campaign.worlds.frames import IDENTITY, Pose, Quat, quat_multiply
 
 PERIOD_S = 0.2
@@ -153,10 +149,10 @@ class VisibilityProbe:
                 return self._scan(real, mixed, body, t_s)
             case RangefinderReading(), RangefinderReading():
                 return self._beam(real, mixed, body, t_s)
-            case LidarPointsReading(), LidarPointsReading() if isinstance(
-                self._measured.twin, LidarPointsSetup
+            case LidarPointsReading(), LidarPointsReading() if lidar := options_of(
+                self._measured.twin, LidarPointsOptions
             ):
-                return self._points(real, mixed, self._measured.twin, body, t_s)
+                return self._points(real, mixed, lidar, body, t_s)
         return FrameVisibility(t_s, not_measured="the merge changes the shape of the reading")
 
     def _camera(
@@ -215,8 +211,8 @@ class VisibilityProbe:
     def _beam(
         self, real: RangefinderReading, mixed: RangefinderReading, body: Pose, t_s: float
     ) -> FrameVisibility:
-        setup = self._measured.real
-        half_rad = setup.half_angle_rad if isinstance(setup, RangefinderSetup) else 0.0
+        options = options_of(self._measured.real, RangefinderOptions)
+        half_rad = 0.0 if options is None else options.half_angle_rad
         sensor = body.compose(mixed.mount)
         cone = self._measured.views.ranges(sensor, cone_directions(half_rad, 8), t_s)
         around = self._measured.views.ranges(
@@ -238,7 +234,7 @@ class VisibilityProbe:
         self,
         real: LidarPointsReading,
         mixed: LidarPointsReading,
-        twin: LidarPointsSetup,
+        twin: LidarPointsOptions,
         body: Pose,
         t_s: float,
     ) -> FrameVisibility:
@@ -265,7 +261,7 @@ class VisibilityProbe:
         return Pose(pose.position_ned_m, quat_multiply(pose.q_wxyz, self._turn))
 
 
-def _some_beams(lidar: LidarPointsSetup) -> Directions:
+def _some_beams(lidar: LidarPointsOptions) -> Directions:
     """Return every n-th column of a 3-D lidar's beams, for measuring visibility."""
     pattern = lidar.pattern
     every = max(1, -(-pattern.columns * pattern.rings // _MOST_BEAMS))

@@ -9,12 +9,12 @@ from wil_campaign.campaigns.setup.named_objects import named_objects
 from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
-    LidarPointsSetup,
+    OtherSetup,
     SensorSetup,
+    options_of,
 )
 from wil_campaign.orchestrator.external.external_io import ExternalIo
 from wil_campaign.orchestrator.run.perception.expected_views import ExpectedViews
-from wil_campaign.orchestrator.run.perception.sensor_factory import within_reach
 from wil_campaign.orchestrator.run.perception.visibility import (
     BodyPose,
     Measured,
@@ -31,7 +31,7 @@ from wil_campaign.vehicles.cameras.rendered_cameras import MAX_POSE_AGE_S
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
 from wil_campaign.vehicles.readings import PoseReading
 from wil_campaign.vehicles.sensors.depth import DEPTH_NOISES
-from wil_campaign.vehicles.sensors.lidar import POINTS_NOISES
+from wil_campaign.vehicles.sensors.lidar import POINTS_NOISES, LidarPointsOptions
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.scene import virtual_only
@@ -125,7 +125,7 @@ class VisibilityProbes:
             return f"{obstacle} that exists in the virtual world only"
         if isinstance(real, CameraSetup) and _is_file(real):
             return "images from a file have no camera pose"
-        if combination.sensor.kind == "lidar_points" and not isinstance(twin, LidarPointsSetup):
+        if combination.sensor.kind == "lidar_points" and twin.kind != "lidar_points":
             return f"the points are made of a {twin.kind} reading"
         return ""
 
@@ -161,13 +161,13 @@ def reach_of_twin(twin: SensorSetup, noise: NoiseSetName) -> tuple[float, float]
     if isinstance(twin, DepthSetup):
         depth = DEPTH_NOISES.named(noise)
         return depth.range_min_m, depth.range_max_m
-    if isinstance(twin, LidarPointsSetup) and twin.source is None:
-        points = within_reach(POINTS_NOISES.named(noise), twin)
+    lidar = options_of(twin, LidarPointsOptions)
+    if lidar is None:
+        return 0.0, np.inf
+    if isinstance(twin, OtherSetup) and twin.source is None:
+        points = lidar.within_reach(POINTS_NOISES.named(noise))
         return points.range_min_m, points.range_max_m
-    if isinstance(twin, LidarPointsSetup):
-        low_m, high_m = twin.reach.min_m, twin.reach.max_m
-        return low_m or 0.0, np.inf if high_m is None else high_m
-    return 0.0, np.inf
+    return lidar.range_min_m or 0.0, np.inf if lidar.range_max_m is None else lidar.range_max_m
 
 
 def sought_objects(
@@ -192,5 +192,4 @@ def sought_objects(
 
 
 def _is_file(camera: CameraSetup) -> bool:
-    """Return whether a camera's images come from files."""
     return camera.source is not None and camera.source.shown_as == "file"

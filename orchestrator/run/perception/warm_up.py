@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 
-from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup, LidarPointsSetup
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.recipes.visibility.ranges import nearest_m
 from wil_campaign.vehicles.embedded.control.law import load_kernels
@@ -55,7 +55,7 @@ def warm_up(setup: RunSetup) -> None:
     sensors = [sensor for vehicle in setup.with_sensors for sensor in vehicle.sensors]
     if any(isinstance(sensor, CameraSetup | DepthSetup) for sensor in sensors):
         load_rendering()
-    if any(isinstance(sensor, LidarPointsSetup) for sensor in sensors):
+    if any(sensor.kind == "lidar_points" for sensor in sensors):
         nearest_m(np.zeros((1, 3)), np.zeros((1, 3), np.float32))
 
 

@@ -25,14 +25,23 @@ Made = tuple[str, Callable[[], bytes]]
 
 
 def reading_messages(
-    reading: Reading, make: RosMessages, stamp_ns: int, *, prefix: str = "", compressed: bool
+    reading: Reading,
+    make: RosMessages,
+    stamp_ns: int,
+    *,
+    prefix: str = "",
+    within: str = "",
+    compressed: bool,
 ) -> Iterator[Made]:
-    """Yield the messages of a reading; none of sound. prefix: of the topics, as "/real"."""
+    """Yield the messages of a reading; none of sound.
+
+    prefix: of the topics, as "/real". within: of its frame, as "twin/".
+    """
     name = word_of(reading.sensor)
-    frame, base = name, f"{prefix}/{name}"
+    frame, base = within + name, f"{prefix}/{name}"
     match reading:
         case CameraReading():
-            frame = optical_frame(name)
+            frame = within + optical_frame(name)
             info = partial(make.camera_info, reading.intrinsics, stamp_ns, frame)
             yield f"{base}/camera_info", info
             yield f"{base}/image_raw", partial(make.image, reading, stamp_ns, frame)
@@ -40,7 +49,7 @@ def reading_messages(
                 small = partial(make.compressed, reading, stamp_ns, frame)
                 yield f"{base}/image_raw/compressed", small
         case DepthReading():
-            frame = optical_frame(name)
+            frame = within + optical_frame(name)
             info = partial(make.camera_info, reading.intrinsics, stamp_ns, frame)
             yield f"{base}/camera_info", info
             yield f"{base}/image_raw", partial(make.depth, reading, stamp_ns, frame)
@@ -71,8 +80,7 @@ def sensor_transform(sensor: SensorSetup, body: Pose) -> Transform:
     if isinstance(sensor, CameraSetup | DepthSetup):
         position, turned = camera_in_body(sensor.mount, body)
         return Transform(BODY_FRAME, optical_frame(name), position, turned)
-    mount = getattr(sensor, "mount", AT_ORIGIN)
-    position, turned = sensor_in_body(mount if isinstance(mount, Pose) else AT_ORIGIN)
+    position, turned = sensor_in_body(sensor.mount)
     return Transform(BODY_FRAME, name, position, turned)
 
 

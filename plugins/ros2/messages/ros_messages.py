@@ -43,6 +43,7 @@ TRAJECTORY = "trajectory_msgs/msg/MultiDOFJointTrajectory"
 CLOCK = "rosgraph_msgs/msg/Clock"
 TF = "tf2_msgs/msg/TFMessage"
 TEXT = "std_msgs/msg/String"
+LOG = "rcl_interfaces/msg/Log"
 
 WORLD_FRAME = "map"
 ODOMETRY_FRAME = "odom"
@@ -75,6 +76,10 @@ class RosMessages:
     def text(self, text: str) -> bytes:
         """Return a String."""
         return self._cdr(TEXT, text)
+
+    def log(self, name: str, text: str, level: int, stamp_ns: int) -> bytes:
+        """Return a Log, as /rosout has it. level: 10 for debug to 50 for fatal."""
+        return self._cdr(LOG, self._time(stamp_ns), level, name, text, "", "", 0)
 
     def image(self, reading: CameraReading, stamp_ns: int, frame: str) -> bytes:
         """Return an Image of a camera's colours, bgr8."""

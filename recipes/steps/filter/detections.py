@@ -1,8 +1,9 @@
-"""Filter by detection: the boxes of objects that a neural network detects in an image."""
+"""Filter by detection: the objects that a neural network detects in an image."""
 
 from pathlib import Path as FilePath
 from typing import Annotated
 
+import cv2
 import numpy as np
 from pydantic import Field, model_validator
 
@@ -10,7 +11,7 @@ from wil_campaign.recipes.model.registry import Context, ParameterFault, SidedPa
 from wil_campaign.recipes.operations.masks import intersect_masks
 from wil_campaign.recipes.working import AnyMasked, Masked, Operator
 from wil_campaign.vehicles.perception.detector import DetectorError, Layout, OnnxDetector
-from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.vehicles.readings import CameraReading, Mask
 from wil_campaign.worlds.files.documents import KeyFaultError, closest
 
 InputPx = Annotated[int, Field(ge=16, le=4096)]
@@ -21,7 +22,8 @@ class IsolateDetectionsParameters(SidedParameters):
 
     input_width_px, input_height_px: the network's input. threshold: least score. overlap: of two
     boxes of one class with more (intersection over union) the one with the higher score is kept.
-    layout: of the output. grow_px: by how much each box is enlarged on each side.
+    layout: of the output. grow_px: by how much each box is enlarged on each side; of a network
+    with masks (-seg) each mask, by as many pixels.
     """
 
     model: str
@@ -74,9 +76,10 @@ class IsolateDetectionsParameters(SidedParameters):
     parameters=IsolateDetectionsParameters,
 )
 def isolate_detections(parameters: IsolateDetectionsParameters, context: Context) -> Operator:
-    """Keep the boxes that a detector (an ONNX file of the YOLO family) finds in an image.
+    """Keep what a detector (an ONNX file of the YOLO family) finds in an image.
 
-    image_bgr (height, width, 3) uint8; boxes in pixels. Classes not in `keep` are not kept; an
+    image_bgr (height, width, 3) uint8. Boxes in pixels; of a network of instance segmentation
+    (-seg) the pixels of its masks. Classes not in `keep` are not kept; an
     empty `keep` keeps all.
     """
     detector = parameters.detector(context.folder)
@@ -90,7 +93,9 @@ def isolate_detections(parameters: IsolateDetectionsParameters, context: Context
         image = work.reading.image_bgr
         mask = np.zeros(image.shape[:2], np.uint8)
         for box in detector.detect(image):
-            if box.name in wanted:
+            if box.name in wanted and box.mask is not None:
+                mask |= _grown(box.mask, round(grow))
+            elif box.name in wanted:
                 top, left = (max(0, round(edge - grow)) for edge in (box.top_px, box.left_px))
                 bottom, right = (
                     max(0, round(edge + grow)) for edge in (box.bottom_px, box.right_px)
@@ -99,3 +104,13 @@ def isolate_detections(parameters: IsolateDetectionsParameters, context: Context
         return Masked(work.reading, intersect_masks(mask, work.mask))
 
     return operator
+
+
+def _grown(mask: Mask, grow_px: int) -> Mask:
+    """Return a mask with its edge moved out by so many pixels, or in where they are negative."""
+    if not grow_px:
+        return mask
+    size = 2 * abs(grow_px) + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    moved: Mask = cv2.dilate(mask, disc) if grow_px > 0 else cv2.erode(mask, disc)
+    return moved

@@ -11,7 +11,7 @@ from wil_campaign.recipes.model.registry import Context, StepParameters, step
 from wil_campaign.recipes.operations.masks import is_kept, kept_elements
 from wil_campaign.recipes.operations.optics import disagreement_px
 from wil_campaign.recipes.operations.scans import refuse_other_beams
-from wil_campaign.recipes.operations.soft_edges import SoftEdge
+from wil_campaign.recipes.operations.soft_edges import SoftEdge, blend_cover, has_cover
 from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Merge, Need, Side, Sides
 from wil_campaign.vehicles.readings import (
     CameraReading,
@@ -109,6 +109,8 @@ def _lay_images(
         mask = _visible_mask(layer, ground, occlusion)
         if soften is not None:
             soften(layer.reading.image_bgr, mask, image_bgr)
+        elif mask is not None and has_cover(mask):
+            blend_cover(layer.reading.image_bgr, mask, image_bgr)
         else:
             cv2.copyTo(layer.reading.image_bgr, mask, image_bgr)
     return replace(ground.reading, image_bgr=image_bgr)

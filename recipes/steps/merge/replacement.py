@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from wil_campaign.recipes.model.registry import Context, StepParameters, step
+from wil_campaign.recipes.model.registry import EVERY_SENSOR, Context, StepParameters, step
 from wil_campaign.recipes.operations.masks import kept_elements
 from wil_campaign.recipes.operations.optics import size_of
-from wil_campaign.recipes.operations.quantities import QUANTITIES
+from wil_campaign.recipes.operations.quantities import quantities_of
 from wil_campaign.recipes.operations.scans import refuse_other_beams
 from wil_campaign.recipes.operations.step_parameters import IMAGE_SENSORS
 from wil_campaign.recipes.steps.filter.regions import BoxPart, angles_of, in_sector, region_mask
@@ -18,12 +18,12 @@ from wil_campaign.recipes.steps.merge.overlays import refuse_mismatch
 from wil_campaign.recipes.steps.merge.points import join_clouds, kept_points
 from wil_campaign.recipes.working import AnyMasked, CannotMixError, Merge, Need, Side, Sides
 from wil_campaign.vehicles.readings import (
-    SENSOR_TYPES,
     CameraReading,
     DepthReading,
     LidarPointsReading,
     LidarScanReading,
     Reading,
+    sensor_names,
     sensor_type_of,
 )
 from wil_campaign.worlds.files.documents import KeyFaultError, Part, closest
@@ -56,7 +56,7 @@ class ConditionPart(Part):
     @model_validator(mode="after")
     def _some_limit(self) -> "ConditionPart":
         """Require a known quantity and a limit in a replacement's condition."""
-        known = [name for kind in QUANTITIES.values() for name in kind]
+        known = [name for kind in sensor_names() for name in quantities_of(kind)]
         if self.what not in known:
             message = f"unknown quantity '{self.what}'"
             raise KeyFaultError("what", message, closest(self.what, known))
@@ -85,8 +85,8 @@ class ReplaceParameters(StepParameters):
             return f"a sector applies to lidars, not to {kind}"
         if self.region is not None and kind not in IMAGE_SENSORS:
             return f"a region applies to images, not to {kind}"
-        if self.when is not None and self.when.what not in QUANTITIES[kind]:
-            known = ", ".join(QUANTITIES[kind])
+        if self.when is not None and self.when.what not in quantities_of(kind):
+            known = ", ".join(quantities_of(kind))
             return f"a {kind} has no '{self.when.what}' (it has {known})"
         return ""
 
@@ -96,7 +96,7 @@ class ReplaceParameters(StepParameters):
         return frozenset({"depth"}) if asks else frozenset()
 
 
-@step("replace", stage="merge", sensors=tuple(SENSOR_TYPES), parameters=ReplaceParameters)
+@step("replace", stage="merge", sensors=EVERY_SENSOR, parameters=ReplaceParameters)
 def replacement(parameters: ReplaceParameters, context: Context) -> Merge:  # noqa: ARG001 - the interface of steps
     """Replace one side's reading by the other's: all of it, in a sector or region, or by a rule.
 
@@ -151,9 +151,8 @@ def _rule(parameters: ReplaceParameters, sides: Sides) -> _Rule:
 
 
 def _condition(part: ConditionPart, sides: Sides) -> bool | Bools:
-    """Return where a replacement's condition holds in a side's reading."""
     reading = sides[part.of].reading
-    values = QUANTITIES[sensor_type_of(reading)][part.what](reading)
+    values = quantities_of(sensor_type_of(reading))[part.what](reading)
     if values is None:
         raise CannotMixError("no_depth", f"replace: the reading of {part.of} has no {part.what}")
     found: Any = np.ones(np.shape(values), np.bool_)

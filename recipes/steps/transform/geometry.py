@@ -5,7 +5,14 @@ from typing import Literal
 from pydantic import model_validator
 
 from wil_campaign.recipes.model.registry import Context, SidedParameters, step
-from wil_campaign.recipes.operations.optics import ImageReading, cropped, remapped, resized, size_of
+from wil_campaign.recipes.operations.optics import (
+    Aspect,
+    ImageReading,
+    cropped,
+    reframed,
+    remapped,
+    size_of,
+)
 from wil_campaign.recipes.operations.step_parameters import (
     IMAGE_SENSORS,
     IntrinsicsPart,
@@ -45,12 +52,17 @@ def require_other(name: str, to: Side, other: Work | None) -> Work:
 
 
 class ResizeParameters(SidedParameters):
-    """to: the image size: the other side's, or one given."""
+    """to: the image size: the other side's, or one given. aspect: between sizes of other ratios.
+
+    `fit` scales each axis by itself. `crop` and `pad` scale both alike: `crop` cuts off what is
+    over, alike on both edges; `pad` keeps the whole image, between bars that are not kept.
+    """
 
     shorthand = "to"
     reshapes = True
 
     to: Literal["real", "twin"] | Size
+    aspect: Aspect = "fit"
 
     @model_validator(mode="after")
     def _not_to_itself(self) -> "ResizeParameters":
@@ -63,14 +75,15 @@ class ResizeParameters(SidedParameters):
 def resize(parameters: ResizeParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps
     """Scale an image to a size, or to the other side's, with its intrinsics, depth and ids.
 
-    image_bgr (h, w, 3) uint8 to (h', w', 3); depth_m in metres and object_ids take the nearest.
+    image_bgr (h, w, 3) uint8 to (h', w', 3); depth_m in metres and object_ids take the nearest. A
+    point of the scene keeps its ray: `crop` and `pad` move the optical centre.
     """
-    to = parameters.to
+    to, aspect = parameters.to, parameters.aspect
 
     def operator(work: Work, other: Work | None) -> Work:
         if isinstance(to, Size):
-            return resized(work, to.width_px, to.height_px)
-        return resized(work, *size_of(require_other("resize", to, other).reading))
+            return reframed(work, to.width_px, to.height_px, aspect)
+        return reframed(work, *size_of(require_other("resize", to, other).reading), aspect)
 
     return operator
 

@@ -5,18 +5,16 @@ from typing import Annotated
 
 from pydantic import Field
 
-from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.model.registry import EVERY_SENSOR, Context, SidedParameters, step
 from wil_campaign.recipes.operations.interpolation import INTERPOLATED, between
 from wil_campaign.recipes.working import Align, AnyMasked, CannotMixError, Masked, TimedOperator
 from wil_campaign.vehicles.readings import (
-    SENSOR_TYPES,
     CameraReading,
     DepthReading,
     LidarPointsReading,
     Reading,
 )
 
-_ANY = tuple(SENSOR_TYPES)
 _KEPT = 4096
 """Largest number of stored readings: 10 s, the longest delay, of an IMU at 400 Hz."""
 _KEPT_BIG = 320
@@ -52,7 +50,6 @@ class _Memory:
         return self._readings[-1] if self._readings else None
 
     def around(self, t_s: float) -> tuple[Reading | None, Reading | None]:
-        """Return the last reading at or before a time, and the first at or after it."""
         before, after = bisect_right(self._times, t_s), bisect_left(self._times, t_s)
         return (
             self._readings[before - 1] if before else None,
@@ -80,7 +77,6 @@ class _Remembering(TimedOperator):
         return reading
 
     def _remember(self, reading: Reading) -> _Memory:
-        """Return the timing memory with the reading added."""
         if self._memory is None:
             self._memory = _memory(reading, self._span_s, self._kept_big)
         self._memory.add(reading)
@@ -108,7 +104,7 @@ class ResampleParameters(SidedParameters):
         return ""
 
 
-@step("resample", stage="transform", sensors=_ANY, parameters=ResampleParameters)
+@step("resample", stage="transform", sensors=EVERY_SENSOR, parameters=ResampleParameters)
 def resample(parameters: ResampleParameters, context: Context) -> TimedOperator:  # noqa: ARG001 - the interface of steps
     """Give one side's readings at the times of the other's: latest, hold, or interpolate.
 
@@ -170,7 +166,7 @@ class DelayParameters(SidedParameters):
     by_ms: Annotated[float, Field(ge=0, le=10_000)]
 
 
-@step("delay", stage="transform", sensors=_ANY, parameters=DelayParameters)
+@step("delay", stage="transform", sensors=EVERY_SENSOR, parameters=DelayParameters)
 def delay(parameters: DelayParameters, context: Context) -> TimedOperator:  # noqa: ARG001 - the interface of steps
     """Delay one side: use its newest reading that is at least so much older than the latest.
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.model.registry import EVERY_SENSOR, Context, SidedParameters, step
 from wil_campaign.recipes.operations.unit_factors import (
     METRES,
     METRES_PER_SECOND,
@@ -21,7 +21,6 @@ from wil_campaign.recipes.operations.unit_factors import (
 )
 from wil_campaign.recipes.working import AnyMasked, Masked, Operator
 from wil_campaign.vehicles.readings import (
-    SENSOR_TYPES,
     CameraReading,
     DepthReading,
     GpsReading,
@@ -74,7 +73,7 @@ class UnitsParameters(SidedParameters):
 @step(
     "units",
     stage="transform",
-    sensors=tuple(SENSOR_TYPES),
+    sensors=EVERY_SENSOR,
     parameters=UnitsParameters,
 )
 def units(parameters: UnitsParameters, context: Context) -> Operator:  # noqa: ARG001 - the interface of steps

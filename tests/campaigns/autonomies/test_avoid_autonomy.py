@@ -72,7 +72,7 @@ def avoid(place: Callable[[float], Vec3], noise_px: float = 1.0, **parameters: o
 
 
 @pytest.mark.parametrize("speed_m_s", [0.5, 1.0])
-def test_it_is_above_what_flies_at_it_before_that_is_there(speed_m_s: float) -> None:
+def test_it_climbs_above_an_intruder_before_that_arrives(speed_m_s: float) -> None:
     flight = avoid(coming(speed_m_s))
     there_s = START_S + (2.5 - 0.3) / speed_m_s
     up_m = [-place[2] for t_s, place in flight.path if t_s >= there_s]
@@ -103,7 +103,7 @@ def test_a_slower_approach_is_evaded_nearer() -> None:
     ],
     ids=["hovers", "leaves", "passes", "climbs"],
 )
-def test_what_does_not_come_nearer_is_not_evaded(place: Callable[[float], Vec3]) -> None:
+def test_it_evades_nothing_that_comes_no_nearer(place: Callable[[float], Vec3]) -> None:
     flight = avoid(place)
     assert set(flight.notes()) == {"watch"}
     assert all(math.dist(at, (0.0, 0.0, -1.2)) < 0.05 for _, at in flight.path)

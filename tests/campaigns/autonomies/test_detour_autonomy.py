@@ -84,7 +84,7 @@ def fly(posts: Posts, *, until_s: float = 70.0, **parameters: object) -> Flown:
     return flown
 
 
-def test_with_nothing_in_the_way_it_flies_straight_to_the_place_and_stops() -> None:
+def test_it_flies_straight_to_a_place_with_nothing_in_the_way_and_stops() -> None:
     flown = fly((), ahead_m=10)
     assert flown.flight.commands[-1].done
     assert flown.flight.notes()[-1] == "stop"
@@ -113,7 +113,7 @@ def test_it_flies_through_a_gap_rather_than_far_round() -> None:
     assert max(abs(place[1]) for _, place in flown.flight.path) < 1.5
 
 
-def test_before_a_wall_without_end_it_gives_up_and_touches_nothing() -> None:
+def test_it_gives_up_before_an_endless_wall_and_touches_nothing() -> None:
     wall = tuple((6.0, east_m, 0.5) for east_m in np.arange(-30.0, 30.5, 0.5).tolist())
     flown = fly(wall, ahead_m=16, until_s=25.0)
     assert flown.near_m > 0.4
@@ -127,7 +127,7 @@ def test_it_gives_up_when_its_time_is_over() -> None:
     assert flown.flight.commands[-1].done
 
 
-def test_what_was_seen_is_remembered_for_a_time_and_noise_is_nothing() -> None:
+def test_the_map_keeps_points_for_its_memory_and_takes_no_noise() -> None:
     here = Pose((0.0, 0.0, -1.5))
     seen = ObstacleMap(look_m=6.0, half_height_m=0.5, memory_s=2.0)
     seen.add(depth_image(here, 1.0, ((4.0, 0.0, 0.5),)), here, here.q_wxyz)
@@ -141,7 +141,7 @@ def test_what_was_seen_is_remembered_for_a_time_and_noise_is_nothing() -> None:
     assert len(seen.offsets(here, 4.0)) == 0
 
 
-def test_a_way_is_as_free_as_what_stands_beside_it() -> None:
+def test_a_free_way_knows_the_distance_of_obstacles_beside_it() -> None:
     ways = free_ways(np.array([[4.0, 1.0]]), least_m=0.5, within_m=6.0)
     north = int(np.argmin(np.abs(ways.headings_rad)))
     assert ways.beside_m[north] == pytest.approx(1.0)

@@ -69,7 +69,7 @@ def test_a_lost_person_is_waited_for_at_the_place() -> None:
     assert "follow" in flight.notes()
 
 
-def test_nobody_is_no_reason_to_move() -> None:
+def test_it_does_not_move_when_it_sees_nobody() -> None:
     flight = follow(GeometryFinder(person_at(aside_and_back), hidden=(0.0, 99.0)))
     assert all(math.dist(place, (0.0, 0.0, -1.2)) < 0.02 for _, place in flight.path)
 
@@ -93,7 +93,7 @@ def test_wrong_parameters_are_refused(parameters: dict[str, object], said: str) 
         FollowAutonomy(goal={}, parameters={}, seed=1)
 
 
-def test_a_detector_of_ones_own_has_the_layout_that_is_given(tmp_path: Path) -> None:
+def test_an_own_detector_has_the_given_layout(tmp_path: Path) -> None:
     """Its output for one class is that of two layouts."""
     model = tmp_path / "own.onnx"
     model.write_bytes(tiny_detector("end2end"))

@@ -218,7 +218,7 @@ def test_a_gate_that_vanishes_on_the_way_stops_it_until_it_is_back() -> None:
     assert flight.commands[-1].done
 
 
-def test_without_a_gate_it_hovers_and_gives_up_but_is_never_done() -> None:
+def test_it_hovers_and_gives_up_without_a_gate_but_is_never_done() -> None:
     flight = Flight(start=(0.0, 0.0, -1.0))
     flight.fly(make(search_timeout_s=5.0), None, duration_s=8.0)
     assert flight.notes[0] == "search"
@@ -279,7 +279,7 @@ def test_growth_tells_how_far_and_how_large(width_m: float, gate_m: float) -> No
     assert found.width_m == pytest.approx(width_m, rel=1e-6)
 
 
-def test_what_does_not_grow_has_no_range() -> None:
+def test_a_gate_of_constant_size_has_no_range() -> None:
     looming = Looming()
     for tenth in range(10):
         looming.add(tenth * 0.1, 0.3)

@@ -52,7 +52,7 @@ def test_a_key_that_is_not_asked_for_is_unread(build: Build) -> None:
         lambda given: given.copy(),
     ],
 )
-def test_what_looks_at_all_of_it_has_read_all_of_it(build: Build) -> None:
+def test_a_copy_or_a_dump_counts_as_reading_every_key(build: Build) -> None:
     """It asks for a key first: of what asks for none nothing is reported anyway."""
 
     def asking(given: dict[str, object]) -> object:
@@ -62,7 +62,7 @@ def test_what_looks_at_all_of_it_has_read_all_of_it(build: Build) -> None:
     assert unread_keys(asking, GIVEN) == {}
 
 
-def test_what_keeps_it_or_asks_for_nothing_is_not_accused() -> None:
+def test_code_that_keeps_the_parameters_or_reads_none_is_not_reported() -> None:
     """It may read it in flight, or by compiled code that asks no method of a dict."""
     assert unread_keys(lambda given: (given, given.get("gain")), GIVEN) == {}
     assert unread_keys(lambda given: (lambda: given["speed_ms"], given["gain"]), GIVEN) == {}
@@ -89,7 +89,7 @@ def test_a_campaign_has_it_as_a_warning_with_its_place_and_as_a_caveat(
     assert campaign.caveats == (warning.message,)
 
 
-def test_what_the_autonomy_reads_is_no_warning(tmp_path: Path) -> None:
+def test_a_key_that_the_autonomy_reads_gives_no_warning(tmp_path: Path) -> None:
     path = write_hover(tmp_path)
     used = "autonomy: {use: still.py:Still, with: {ticks: 2}}"
     path.write_text(CAMPAIGN.replace("autonomy: still.py:Still", used))

@@ -52,7 +52,7 @@ ONE_PLACE = [
     (
         "seed: 7",
         "seed: 7\nrecord: {pictures: none, video: @always}",
-        "is made of the recorded images, and pictures: none records none; record them (jpeg), or",
+        "is made of the recorded images, but pictures: none records no images; record them (jpeg)",
     ),
     (
         "repetitions: 3",
@@ -89,7 +89,7 @@ ONE_PLACE = [
     ("seed: 7", "limits: {@speed: 1}\nseed: 7", "unknown key 'speed'; did you mean 'speed_m_s'?"),
     ("seed: 7", "limits: {speed_m_s: @0}\nseed: 7", "must be greater than 0, is 0"),
     ("seed: 7", "limits: {up_m: @[2, 1]}\nseed: 7", "must be [low, high], is [2, 1]"),
-    ("seed: 7", "limits: {up_m: @[0, 0.5]}\nseed: 7", "leaves no room: keep_m of 0.3 m is kept to"),
+    ("seed: 7", "limits: {up_m: @[0, 0.5]}\nseed: 7", "leaves no room: keep_m, 0.3 m, counts from"),
     ("seed: 7", "operator: {gcs: {real: @14550}}\nseed: 7", "must be text, is 14550"),
     ("seed: 7", "operator: {gcs: {real: @'memory://'}}\nseed: 7", "memory:// connects to nothing"),
     ("seed: 7", "operator: {gcs: {real: @udp:14550}}\nseed: 7", "must be a link such as udpout://"),
@@ -372,9 +372,7 @@ def test_a_constructor_that_exits_is_reported(files: Any) -> None:
     assert "'pilot.py:Gone' cannot be built: SystemExit: 0" in fault
 
 
-def test_what_code_of_the_user_prints_stays_off_stdout(
-    files: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_prints_of_user_code_go_to_stderr(files: Any, capsys: pytest.CaptureFixture[str]) -> None:
     files.append(
         "\nprint('hello')\n\nclass Loud(Pilot):\n    def __init__(self, **_):\n"
         "        print('here I am')\n",

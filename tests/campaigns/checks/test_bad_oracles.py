@@ -64,6 +64,6 @@ def test_a_mistake_in_a_formula_of_several_lines_is_found(files: Any) -> None:
     assert fault.startswith(f"campaign.yaml:{line}:13: oracle 'clear': unknown signal 'sped_m_s'")
 
 
-def test_a_formula_about_both_is_left_out_where_one_flies_alone(files: Any) -> None:
+def test_a_formula_about_both_vehicles_is_omitted_where_one_flies_alone(files: Any) -> None:
     files.change("collision: {}", "near: {stl: always (twin_distance_m < 1)}")
     assert files.load().modes == ("sim", "wil")

@@ -55,7 +55,7 @@ def test_images_that_do_not_fit_each_other_are_reported(
         ),
     ],
 )
-def test_steps_that_make_them_fit_are_followed(
+def test_the_check_of_sizes_follows_the_steps_that_change_them(
     files: Any, steps: str, twin: dict[str, float]
 ) -> None:
     change_twin(files, **twin)
@@ -71,7 +71,7 @@ def test_a_part_that_does_not_lie_in_the_picture_is_reported_at_its_step(files: 
     assert "('camera' of real 320 x 240 and twin 320 x 240)" in fault
 
 
-def test_what_a_step_of_the_users_makes_is_not_known(files: Any) -> None:
+def test_sizes_are_not_checked_after_a_step_of_the_user(files: Any) -> None:
     change_twin(files, width_px=160, height_px=120)
     (files.folder / "own.py").write_text("def step(work, other):\n    return work\n")
     transform(files, "{use: 'own.py:step'}")

@@ -87,7 +87,7 @@ def test_controls_are_flown_or_named_as_left_out(both: Any) -> None:
     assert any("controls of other" in said for said in without.left_out)
 
 
-def test_what_the_composition_requires_and_the_options_leave_out_is_named(both: Any) -> None:
+def test_required_runs_of_a_composition_that_options_omit_are_named(both: Any) -> None:
     more = "repetitions: 10\n"
     assert load(both, more).left_out == ()
     assert load(both, more, repetitions=1).left_out == (
@@ -106,7 +106,7 @@ def test_what_the_composition_requires_and_the_options_leave_out_is_named(both: 
     )
 
 
-def test_what_the_composition_leaves_out_of_its_parts_is_named(both: Any) -> None:
+def test_runs_that_a_composition_omits_from_its_parts_are_named(both: Any) -> None:
     said = ("one: large/wil", "one: 1 of 3 repetitions")
     whole = load(both, "modes: [sim]\nrepetitions: 2\n")
     assert whole.left_out == (*said, "other: large/wil", "other: 1 of 3 repetitions")
@@ -142,7 +142,7 @@ def test_published_counts_are_of_cases_that_are_there(both: Any) -> None:
         ),
     ],
 )
-def test_what_a_composition_has_once_must_be_the_same_in_its_parts(
+def test_a_key_that_a_composition_has_once_must_be_equal_in_its_parts(
     both: Any, more: str, key: str
 ) -> None:
     other = both.folder / "other.yaml"

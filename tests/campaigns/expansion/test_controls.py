@@ -35,7 +35,7 @@ def test_a_control_is_flown_once_in_each_of_its_modes_after_the_runs(files: Any)
     assert not any(plan.required for plan in campaign.controls)
 
 
-def test_a_control_differs_from_its_case_in_nothing_but_what_it_sets(files: Any) -> None:
+def test_a_control_differs_from_its_case_by_its_settings_alone(files: Any) -> None:
     with_controls(files)
     campaign = files.load()
     seeds = {plan.name: plan.seed for plan in campaign.plans}
@@ -49,7 +49,7 @@ def test_a_control_differs_from_its_case_in_nothing_but_what_it_sets(files: Any)
     assert limits["empty/wil/1"] == limits["small/wil/1"] != limits["large/wil/1"]
 
 
-def test_what_a_control_sets_wins_over_the_command_line(files: Any) -> None:
+def test_a_setting_of_a_control_wins_over_the_command_line(files: Any) -> None:
     with_controls(files)
     campaign = files.load(sets=("autonomy.with.speed_m_s=0.3",))
     speeds = {p.name: p.setup().under_test.parameters["speed_m_s"] for p in campaign.plans}
@@ -96,7 +96,7 @@ def test_controls_that_the_command_line_leaves_out_are_reported(files: Any) -> N
         ("with: {speed_m_s: 1.5}", "with: {sped_m_s: 1.5}", "unknown parameter 'sped_m_s'"),
     ],
 )
-def test_what_is_wrong_with_a_control_is_reported_with_its_line(
+def test_a_wrong_control_is_reported_with_its_line(
     files: Any, old: str, new: str, said: str
 ) -> None:
     assert CONTROLS.count(old) == 1

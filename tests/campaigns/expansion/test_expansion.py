@@ -108,13 +108,13 @@ def test_set_is_stronger_than_a_case(files: Any) -> None:
         ({"modes": ("real",)}, "--mode real: matches none of sim, wil"),
     ],
 )
-def test_options_that_cannot_be_are_reported(files: Any, options: Any, said: str) -> None:
+def test_impossible_options_are_reported(files: Any, options: Any, said: str) -> None:
     found = files.faults(**options)
     assert len(found) == 1, found
     assert found[0].startswith(said)
 
 
-def test_options_select(files: Any) -> None:
+def test_options_select_cases_and_modes(files: Any) -> None:
     campaign = files.load(cases=("sm*",), modes=("wil",))
     assert names(campaign) == ["small/wil/1", "small/wil/2", "small/wil/3"]
     assert campaign.requirements == ()
@@ -127,7 +127,7 @@ def test_options_select(files: Any) -> None:
     ]
 
 
-def test_what_is_required_and_left_out_is_reported(files: Any) -> None:
+def test_required_runs_that_options_omit_are_reported(files: Any) -> None:
     assert files.load().left_out == ()
     assert files.load(cases=("large",), repetitions=6).left_out == ()
     assert files.load(modes=("sim",)).left_out == ("large/wil",)
@@ -145,7 +145,7 @@ def test_what_is_required_and_left_out_is_reported(files: Any) -> None:
     )
 
 
-def test_what_the_command_line_sets_is_named_with_what_the_file_says(files: Any) -> None:
+def test_a_command_line_setting_is_named_with_the_value_of_the_file(files: Any) -> None:
     """A limit may be among it: a PASS by that is no PASS of the file."""
     sets = ("oracles.time_limit.limit_s=500", "world.objects.gate.pose.north_m=2", "retries=3")
     assert files.load(sets=sets).caveats == (
@@ -156,7 +156,7 @@ def test_what_the_command_line_sets_is_named_with_what_the_file_says(files: Any)
     assert files.load(repetitions=1, seed=3).caveats == ()
 
 
-def test_a_file_that_needs_an_option_is_compared_with_what_is_flown(files: Any) -> None:
+def test_a_file_that_needs_an_option_is_compared_with_the_flown_one(files: Any) -> None:
     files.change("world: world.yaml\n", "")
     world = "world=world.yaml"
     assert files.load(sets=(world,)).left_out == ()
@@ -183,7 +183,7 @@ def test_modes_are_paired_and_all_else_differs(files: Any) -> None:
     assert {run.seed for run in files.load(seed=8).runs}.isdisjoint({run.seed for run in runs})
 
 
-def test_without_accept_everything_is_required(files: Any) -> None:
+def test_everything_is_required_without_accept(files: Any) -> None:
     files.change("accept: {large: {sim: 3/3, wil: 2/3}}\n", "")
     campaign = files.load()
     assert all(run.required for run in campaign.runs)
@@ -205,7 +205,7 @@ def test_a_share_is_scaled_to_other_repetitions(files: Any) -> None:
     assert files.load(sets=("repetitions=6",)).requirements[1].share == Share(4, 6)
 
 
-def test_without_cases_there_is_one(files: Any) -> None:
+def test_a_campaign_without_cases_has_one_case(files: Any) -> None:
     text = files.path.read_text()
     start, end = text.index("cases:"), text.index("modes:")
     text = text[:start] + text[end:]
@@ -221,7 +221,7 @@ def test_runs_go_to_worker_processes(files: Any) -> None:
     assert inner_size_m(again) == pytest.approx(0.5)
 
 
-def test_the_setup_is_what_the_file_says(files: Any) -> None:
+def test_the_setup_has_the_values_of_the_file(files: Any) -> None:
     setup = files.load().runs[0].setup()
     real, twin = setup.vehicles["real"], setup.vehicles["twin"]
     assert (real.autopilot, real.profile, real.pose_source) == ("px4", "cage", "mocap")
@@ -300,7 +300,7 @@ def test_a_camera_may_be_given_by_its_focal_length(files: Any) -> None:
     assert forward[2] > -0.02  # it looks down
 
 
-def test_fences_of_areas(files: Any) -> None:
+def test_a_fence_may_have_circles_and_holes(files: Any) -> None:
     box = "box: {north_m: [-1, 4], east_m: [-2, 2], up_m: [-0.5, 2.3]}"
     circle = "include: [{circle: {north_m: 2, east_m: 0, radius_m: 2.5}}]"
     hole = "exclude: [{polygon: [[1, 1], [1, 2], [2, 2]]}]"

@@ -51,7 +51,7 @@ def test_the_command_writes_them_where_shipped_files_name_them(
     assert "/schemas/" in (ROOT / ".gitignore").read_text("utf-8").split()
 
 
-def test_they_are_schemas(schemas: dict[str, Any]) -> None:
+def test_the_schemas_are_json_schemas(schemas: dict[str, Any]) -> None:
     for schema in schemas.values():
         assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
         Draft202012Validator.check_schema(schema)
@@ -101,7 +101,7 @@ def test_a_mistake_in_a_shipped_file_is_one_for_the_schema(
         "{distance: {use: landed}}",
     ],
 )
-def test_oracles_of_ones_own_name_are_valid(schemas: dict[str, Any], oracles: str) -> None:
+def test_oracles_with_an_own_name_are_valid(schemas: dict[str, Any], oracles: str) -> None:
     text = (ROOT / "campaigns" / "gate.yaml").read_text("utf-8")
     head, _, rest = text.partition("\noracles:\n")
     tail = rest[rest.index("\naccept:") :] if "\naccept:" in rest else ""
@@ -181,7 +181,7 @@ ON_BENCH = "  real:\n    start: {north_m: 0.5}\n    params: {MPC_XY_VEL_MAX: 2.0
         ("bench: hall-a\nvehicles:\n  twin:", f"vehicles:\n{ON_BENCH}", "is not valid under any"),
     ],
 )
-def test_a_campaign_leaves_to_its_bench_what_every_bench_file_says(
+def test_a_campaign_on_a_bench_omits_the_keys_of_every_bench_file(
     schemas: dict[str, Any], old: str, new: str, said: str
 ) -> None:
     text = (ROOT / "campaigns" / "benches" / "gate-hall.yaml").read_text("utf-8")

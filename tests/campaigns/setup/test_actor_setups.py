@@ -41,7 +41,7 @@ def test_an_actor_starts_where_its_object_stands_and_has_its_motion() -> None:
         ((f"{MOTION}.waypoints.0.up_m=0.2",), "is not above its start"),
     ],
 )
-def test_what_no_vehicle_can_fly_is_refused(sets: tuple[str, ...], said: str) -> None:
+def test_an_actor_that_no_vehicle_can_fly_is_refused(sets: tuple[str, ...], said: str) -> None:
     with pytest.raises(BadInput) as caught:
         setup(*sets)
     assert any(said in str(problem) for problem in caught.value.problems)

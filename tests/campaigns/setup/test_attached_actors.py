@@ -34,7 +34,7 @@ def problems(*sets: str, mode: str = "real") -> str:
 
 
 @pytest.mark.parametrize("mode", ["sim", "wil"])
-def test_an_attached_actor_does_not_fly_where_its_object_is_virtual_unless_it_says_where(
+def test_an_attached_actor_with_a_virtual_object_flies_only_at_a_given_place(
     mode: str,
 ) -> None:
     said = problems(HERE, mode=mode)
@@ -49,7 +49,7 @@ def test_virtual_embedded_is_attached_only_where_it_is_physical(mode: str, kind:
     assert actor.pose_source == {"embedded": "simulator", "attached": "mavlink"}[kind]
 
 
-def test_elsewhere_it_starts_in_the_world_where_its_object_does() -> None:
+def test_an_actor_at_another_place_starts_where_its_object_does() -> None:
     setup = campaign(FAR, *REAL, mode="wil").setups["fast"]
     (actor,) = setup.actors_in("wil")
     assert actor.kind == "attached"
@@ -62,7 +62,7 @@ def test_elsewhere_it_starts_in_the_world_where_its_object_does() -> None:
 
 
 @pytest.mark.parametrize("override", [(), (ANSWERED,)])
-def test_elsewhere_is_away_from_the_real_vehicle_whoever_answers_for_it(
+def test_no_override_allows_a_place_that_can_touch_the_real_vehicle(
     override: tuple[str, ...],
 ) -> None:
     said = problems(NEAR, *REAL, *override, mode="wil")
@@ -70,7 +70,7 @@ def test_elsewhere_is_away_from_the_real_vehicle_whoever_answers_for_it(
     assert "by another `place`" in said
 
 
-def test_two_attached_vehicles_that_can_touch_need_somebody_who_answers_for_it() -> None:
+def test_two_attached_vehicles_that_can_touch_need_an_override_with_a_name() -> None:
     said = problems(HERE, *REAL)
     assert "this fence is 0.00 m from that of 'real', also attached: the two can touch" in said
     assert "preflight.override: {separation: NAME}" in said
@@ -82,7 +82,7 @@ def test_two_attached_vehicles_that_can_touch_need_somebody_who_answers_for_it()
     assert "the two can touch" in problems(above, *REAL)
 
 
-def test_without_the_fence_of_the_other_nothing_keeps_them_apart() -> None:
+def test_a_missing_fence_of_the_other_vehicle_is_reported() -> None:
     fenceless = "geofence={twin: {box: {north_m: [-1, 2], east_m: [-1, 1], up_m: [-1, 2]}}}"
     said = problems(HERE, *REAL, ANSWERED, fenceless, "oracles.geofence.required=false")
     assert "has no geofence: nothing keeps the two apart" in said
@@ -113,5 +113,7 @@ def test_without_the_fence_of_the_other_nothing_keeps_them_apart() -> None:
         ),
     ],
 )
-def test_what_is_unsafe_or_means_nothing_is_refused(sets: tuple[str, ...], said: str) -> None:
+def test_an_unsafe_or_meaningless_attached_actor_is_refused(
+    sets: tuple[str, ...], said: str
+) -> None:
     assert said in problems(*sets)

@@ -116,7 +116,7 @@ def test_a_campaign_takes_vehicle_and_fence_of_its_bench(asking: Files) -> None:
         ({"sets": ("controls={}",)}, ("the control low/sim", "the control low/wil")),
     ],
 )
-def test_what_options_leave_out_of_a_campaign_on_a_bench_is_named(
+def test_required_runs_that_options_omit_on_a_bench_are_named(
     asking: Files, options: dict[str, Any], left_out: tuple[str, ...]
 ) -> None:
     asking.append("controls:\n  low: {set: {goal.altitude_m: 1.0}, expect: {oracle: reached}}\n")
@@ -144,7 +144,7 @@ def test_what_options_leave_out_of_a_campaign_on_a_bench_is_named(
         ("large: {}", "large: {bench: hall-b}", "'bench' is the same for all cases"),
     ],
 )
-def test_what_is_of_the_bench_is_of_nobody_else(
+def test_a_key_that_the_bench_defines_is_refused_in_the_campaign(
     asking: Files, old: str, new: str, said: str
 ) -> None:
     asking.change(old, new)
@@ -174,7 +174,7 @@ def test_a_bench_that_is_not_there_is_named_at_its_place(
     assert fault.startswith(f"campaign.yaml:{line}:{written.index(at) + 1}: {said}"), fault
 
 
-def test_a_bench_is_neither_missing_nor_given_for_nothing(files: Files, asking: Files) -> None:
+def test_a_missing_bench_and_a_needless_one_are_reported(files: Files, asking: Files) -> None:
     (missing,) = asking.faults()
     assert "asks for a bench: give the file of one" in missing
     asking.change("bench: hall-a\n", "")

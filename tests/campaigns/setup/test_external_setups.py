@@ -85,14 +85,14 @@ def test_a_source_has_its_times(files: Files) -> None:
         ("{latency_ms: 3}", "missing key 'address'"),
     ],
 )
-def test_sources_that_cannot_be_are_refused(files: Files, source: str, said: str) -> None:
+def test_impossible_sources_are_refused(files: Files, source: str, said: str) -> None:
     with_source(files, source)
     faults = files.faults()
     assert any(said in fault for fault in faults)
     assert all(fault.startswith("campaign.yaml:11:") for fault in faults)
 
 
-def test_what_is_registered_must_be_asked_for_a_pose(files: Files) -> None:
+def test_a_registered_camera_must_answer_for_a_requested_pose(files: Files) -> None:
     files.change(
         "    filter:", "    transform: [{register: {pose: real}}]\n    filter:", "recipe.yaml"
     )
@@ -119,7 +119,7 @@ def test_a_calibration_gives_optics_mounting_and_latency(files: Files) -> None:
     assert camera.source.latency_s == pytest.approx(0.083)
 
 
-def test_what_a_campaign_says_itself_wins_over_the_calibration(files: Files) -> None:
+def test_a_value_of_the_campaign_wins_over_the_calibration(files: Files) -> None:
     (files.folder / "cam.yaml").write_text(CALIBRATION)
     more = "{address: 'rtp://h:5600', latency_ms: 5}"
     text = f"calibration: cam.yaml, mount: {{down_m: 0.2}}, source: {more}"
@@ -179,11 +179,11 @@ def test_motion_capture_comes_from_an_address(files: Files) -> None:
         ("{address: 'udp://127.0.0.1:5570', sender: '1.2.3.4:0'}", "must be an IP address"),
     ],
 )
-def test_motion_capture_that_cannot_be_is_refused(files: Files, mocap: str, said: str) -> None:
+def test_impossible_motion_capture_is_refused(files: Files, mocap: str, said: str) -> None:
     files.change("    pose_source: mocap\n", f"    pose_source: mocap\n    mocap: {mocap}\n")
     assert any(said in fault for fault in files.faults())
 
 
-def test_motion_capture_that_nobody_uses_is_refused(files: Files) -> None:
+def test_unused_motion_capture_is_refused(files: Files) -> None:
     files.change("    pose_source: mocap\n", "    mocap: udp://127.0.0.1:5570\n")
     assert any("is not used with pose_source: mavlink" in fault for fault in files.faults())

@@ -50,7 +50,7 @@ def test_a_control_stops_a_signal_and_no_run_does(files: Any) -> None:
         ("after_s: 1", "after_s: -1", "0"),
     ],
 )
-def test_what_is_wrong_with_a_fault_is_reported(files: Any, old: str, new: str, said: str) -> None:
+def test_a_wrong_entry_of_a_fault_is_reported(files: Any, old: str, new: str, said: str) -> None:
     assert FAULTS.count(old) == 1
     files.append(FAULTS.replace(old, new))
     assert any(said in fault for fault in files.faults()), files.faults()

@@ -221,7 +221,7 @@ def waypoints(*items: tuple[int, float, tuple[float, float]]) -> str:
 HERE, AHEAD = (0.0, 0.0, -1.0), (3.0, 0.0, -1.0)
 
 
-def test_of_several_inclusions_of_a_plan_all_count_as_in_both_autopilots(files: Any) -> None:
+def test_all_inclusions_of_a_plan_count_as_in_both_autopilots(files: Any) -> None:
     text = inclusions(square(0, 0), square(1.5, 0))
     fence = local_of(text)
     assert fence.margin_m((0.5, 0.0, -1.0)) == pytest.approx(1.0, abs=1e-4)
@@ -350,7 +350,7 @@ def test_an_area_that_may_be_meant_either_way_is_asked_for(named: dict[str, Any]
 
 
 @pytest.mark.parametrize("properties", EXCLUDING)
-def test_what_a_feature_names_an_exclusion_is_one(properties: dict[str, Any]) -> None:
+def test_a_feature_marked_as_an_exclusion_is_an_exclusion(properties: dict[str, Any]) -> None:
     """It was flown through, as an inclusion of its own."""
     text = geojson(
         feature("Polygon", [lon_lat(CORNERS)]), feature("Polygon", [lon_lat(HOLE)], **properties)
@@ -365,7 +365,7 @@ def test_what_a_feature_names_an_exclusion_is_one(properties: dict[str, Any]) ->
     "properties",
     [{"name": "cage"}, {"exclusion": False}, {"inclusion": True}, {"Inclusive": "yes"}, {"id": 3}],
 )
-def test_what_no_feature_names_an_exclusion_is_none(properties: dict[str, Any]) -> None:
+def test_a_feature_without_a_mark_of_exclusion_is_an_inclusion(properties: dict[str, Any]) -> None:
     text = geojson(feature("Polygon", [lon_lat(CORNERS)], **properties))
     assert local_of(text).margin_m((2.5, 1.25, -1.0)) == pytest.approx(0.75, abs=1e-6)
 
@@ -502,7 +502,7 @@ def test_a_polygon_on_earth_is_the_one_in_metres(corners: list[tuple[float, floa
         assert other == pytest.approx(corner, abs=1e-5)
 
 
-def test_what_is_on_earth_needs_a_world() -> None:
+def test_a_fence_in_degrees_needs_a_world() -> None:
     part = FencePart.model_validate({"include": [{"polygon_deg": CORNERS}], "up_m": (0, 1)})
     with pytest.raises(FenceError, match="need a world with an origin"):
         part.fence()

@@ -22,7 +22,7 @@ def test_a_link_is_bad_both_ways_unless_one_is_named(files: Any) -> None:
     )
 
 
-def test_a_outage_may_wait_for_a_stage(files: Any) -> None:
+def test_an_outage_may_wait_for_a_stage(files: Any) -> None:
     files.append("links: {twin: {blackouts: [{on: goal, after_s: 2, for_s: 3}]}}\n")
     setup = next(iter(files.load().setups.values()))
     (blackout,) = setup.links["twin"].outages
@@ -44,7 +44,7 @@ def test_a_outage_may_wait_for_a_stage(files: Any) -> None:
         ("{bandwidth_kbit_s: 0}", "must be greater than 0"),
     ],
 )
-def test_what_is_wrong_is_reported_where_it_stands(files: Any, link: str, said: str) -> None:
+def test_a_wrong_link_condition_is_reported_at_its_place(files: Any, link: str, said: str) -> None:
     files.append(f"links: {{real: {link}}}\n")
     faults = files.faults()
     assert len(faults) == 1

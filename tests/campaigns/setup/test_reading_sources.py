@@ -106,7 +106,7 @@ def test_a_recording_is_found_beside_the_campaign(files: Files) -> None:
         ("type: gps, source: none.mcap", "real", "no file or folder 'none.mcap'"),
     ],
 )
-def test_what_makes_no_sense_is_named_at_its_place(
+def test_an_impossible_reading_source_is_named_at_its_place(
     files: Files, sensor: str, of: str, said: str
 ) -> None:
     with_sensor(files, sensor, of=of)

@@ -8,15 +8,11 @@ from tests.campaigns.conftest import Files
 from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
-    GpsSetup,
-    ImuSetup,
-    LidarPointsSetup,
-    LidarSetup,
-    MicrophoneSetup,
-    PoseSetup,
-    RangefinderSetup,
+    OtherSetup,
+    options_of,
 )
-from wil_campaign.vehicles.readings import SENSOR_TYPES
+from wil_campaign.vehicles.readings import sensor_names
+from wil_campaign.vehicles.sensors.lidar import LidarOptions
 
 ALL = """      stereo: {type: depth, rate_hz: 10, width_px: 160, height_px: 120, fov_deg: 80}
       lidar: {type: lidar, beams: 181, fov_deg: 180, range_max_m: 6, mount: {down_m: -0.05}}
@@ -40,28 +36,26 @@ def test_every_type_of_reading_has_its_sensor(files: Files) -> None:
     with_sensors(files, ALL)
     sensors = {one.name: one for one in files.load().setups["large"].vehicles["real"].sensors}
     kinds_of_all = {one.kind for one in sensors.values()}
-    assert kinds_of_all == set(SENSOR_TYPES), "ALL and CAMERA above name each sensor type once"
-    kinds = [type(sensors[name]) for name in ("camera", "stereo", "lidar", "cloud", "below")]
-    assert kinds == [CameraSetup, DepthSetup, LidarSetup, LidarPointsSetup, RangefinderSetup]
-    kinds = [type(sensors[name]) for name in ("gnss", "mocap", "imu", "ear")]
-    assert kinds == [GpsSetup, PoseSetup, ImuSetup, MicrophoneSetup]
-    lidar, below, ear = sensors["lidar"], sensors["below"], sensors["ear"]
-    assert isinstance(lidar, LidarSetup)
+    assert kinds_of_all == set(sensor_names()), "ALL and CAMERA above name each sensor type once"
+    assert isinstance(sensors["camera"], CameraSetup)
+    assert isinstance(sensors["stereo"], DepthSetup)
+    lidar, below = options_of(sensors["lidar"], LidarOptions), sensors["below"]
+    assert lidar is not None
     assert lidar.pattern.start_angle_rad == pytest.approx(-math.pi / 2)
     assert lidar.pattern.step_rad == pytest.approx(math.radians(1.0))
-    assert (lidar.reach.min_m, lidar.reach.max_m) == (None, 6.0)
-    assert lidar.mount.position_ned_m == (0.0, 0.0, -0.05)
-    assert isinstance(below, RangefinderSetup)
+    assert (lidar.range_min_m, lidar.range_max_m) == (None, 6.0)
+    assert lidar.mounted.position_ned_m == (0.0, 0.0, -0.05)
+    assert isinstance(below, OtherSetup)
     assert below.mount.to_parent((1.0, 0.0, 0.0)) == pytest.approx((0.0, 0.0, 1.0), abs=1e-12)
-    assert isinstance(ear, MicrophoneSetup)
-    assert ear.rate_hz == 20.0
+    assert sensors["ear"].rate_hz == 20.0
 
 
 def test_a_full_turn_has_no_beam_twice(files: Files) -> None:
     with_sensors(files, "      lidar: {type: lidar, beams: 360}\n")
     lidar = files.load().setups["large"].vehicles["real"].sensors[1]
-    assert isinstance(lidar, LidarSetup)
-    assert lidar.pattern.step_rad == pytest.approx(math.radians(1.0))
+    options = options_of(lidar, LidarOptions)
+    assert options is not None
+    assert options.pattern.step_rad == pytest.approx(math.radians(1.0))
 
 
 def test_a_distortion_comes_with_its_intrinsics(files: Files) -> None:
@@ -95,9 +89,7 @@ def test_a_distortion_comes_with_its_intrinsics(files: Files) -> None:
         ("{type: depth, rate_hz: 5, width_px: 64, height_px: 48}", "needs fov_deg or fx_px"),
     ],
 )
-def test_what_is_wrong_with_a_sensor_is_reported_at_its_place(
-    files: Files, sensor: str, said: str
-) -> None:
+def test_a_wrong_sensor_is_reported_at_its_place(files: Files, sensor: str, said: str) -> None:
     path = files.folder / "campaign.yaml"
     path.write_text(path.read_text().replace(CAMERA, f"{CAMERA}      odd: {sensor}\n", 1))
     faults = files.faults()

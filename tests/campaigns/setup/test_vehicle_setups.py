@@ -47,7 +47,7 @@ def test_embedded_vehicles_have_ids_of_their_own(files: Any) -> None:
     assert all(one.embedded and one.attached is None for one in vehicles.values())
 
 
-def test_an_attached_vehicle(files: Any) -> None:
+def test_a_campaign_may_attach_a_vehicle(files: Any) -> None:
     outside(
         files,
         "serial:///dev/ttyACM0:921600",
@@ -71,7 +71,7 @@ def test_a_radio_too_slow_is_reported_where_its_link_is(files: Any) -> None:
     assert "a radio of 7.68 kbit/s carries" in found
 
 
-def test_a_launched_arducopter(files: Any) -> None:
+def test_a_campaign_may_launch_an_arducopter(files: Any) -> None:
     binary = program(files.folder, "bin/arducopter")
     (files.folder / "copter.parm").write_text("")
     outside(
@@ -84,7 +84,7 @@ def test_a_launched_arducopter(files: Any) -> None:
     )
 
 
-def test_a_launched_px4(files: Any) -> None:
+def test_a_campaign_may_launch_a_px4(files: Any) -> None:
     program(files.folder, "build/bin/px4")
     program(files.folder, "build/etc/init.d-posix/rcS")
     outside(files, "{launch: px4, build: build, model: gz_x500}", "params: {B: 2, A: 0.5}")
@@ -125,7 +125,9 @@ TWIN = """  twin:
         ),
     ],
 )
-def test_paces_that_do_not_go_together(files: Any, twin: str, said: str, remedy: str) -> None:
+def test_paces_that_contradict_each_other_are_reported(
+    files: Any, twin: str, said: str, remedy: str
+) -> None:
     program(files.folder, "arducopter")
     outside(files, FAST, autopilot="ardupilot")
     files.change(TWIN, TWIN.replace("link: embedded", twin))
@@ -159,7 +161,7 @@ def test_the_pace_of_a_launched_simulation_is_its_link_s(files: Any) -> None:
         ("12", "px4", "must be text"),
     ],
 )
-def test_links_that_are_none(files: Any, link: str, autopilot: str, said: str) -> None:
+def test_a_wrong_link_is_reported(files: Any, link: str, autopilot: str, said: str) -> None:
     outside(files, link, autopilot=autopilot)
     found = files.faults()
     assert len(found) == 1, found
@@ -179,7 +181,9 @@ def test_links_that_are_none(files: Any, link: str, autopilot: str, said: str) -
         ("system_id: 2", "both vehicles have system id 2"),
     ],
 )
-def test_what_an_attached_vehicle_cannot_have(files: Any, line: str, said: str) -> None:
+def test_a_key_that_an_attached_vehicle_cannot_have_is_refused(
+    files: Any, line: str, said: str
+) -> None:
     outside(files, "udpin://0.0.0.0:14540", line)
     found = files.faults()
     assert len(found) == 1, found
@@ -247,7 +251,7 @@ def test_a_body_of_its_own_is_judged_and_has_to_stand_free(files: Any) -> None:
     assert any("'real' starts inside" in fault for fault in files.faults())
 
 
-def test_one_link_for_two(files: Any) -> None:
+def test_one_link_for_two_vehicles_is_reported(files: Any) -> None:
     outside(files, "udpin://0.0.0.0:14540")
     files.change("    link: embedded\n", "    link: udpin://0.0.0.0:14540\n")
     (fault,) = files.faults()
@@ -277,7 +281,7 @@ def test_more_links_to_one_vehicle(files: Any) -> None:
         ("[udp:14550]", "cannot be read"),
     ],
 )
-def test_more_links_that_are_none(files: Any, spares: str, said: str) -> None:
+def test_a_wrong_spare_link_is_reported(files: Any, spares: str, said: str) -> None:
     outside(files, "udpin://0.0.0.0:14540")
     text = files.path.read_text()
     at = text.index("    link: udpin://0.0.0.0:14540\n")
@@ -292,7 +296,7 @@ def test_the_embedded_vehicle_has_one_link(files: Any) -> None:
     assert "only a vehicle with its own link can have more" in fault
 
 
-def test_the_onboard_fence(files: Any) -> None:
+def test_the_onboard_fence_has_a_margin_or_is_switched_off(files: Any) -> None:
     preflight = next(iter(files.load().setups.values())).preflight
     assert preflight.fence is not None
     assert preflight.fence.margin_m == 1.0
@@ -301,7 +305,7 @@ def test_the_onboard_fence(files: Any) -> None:
     assert (preflight.fence, preflight.min_battery) == (None, 0.5)
 
 
-def test_a_key_of_preflight_that_is_none(files: Any) -> None:
+def test_an_unknown_key_of_preflight_is_reported(files: Any) -> None:
     files.append("preflight: {fence: {margin: 2}}\n")
     (fault,) = files.faults()
     assert "unknown key 'margin'" in fault

@@ -67,6 +67,6 @@ def test_a_cut_off_test_of_the_docs_leaves_so_much_undecided() -> None:
 
 
 @pytest.mark.parametrize("bad", [(0.8, 0.9, 5, 0.05), (1.0, 0.8, 5, 0.05), (0.9, 0.8, 0, 0.05)])
-def test_a_sequential_test_that_cannot_be_is_refused(bad: tuple[float, float, int, float]) -> None:
+def test_an_impossible_sequential_test_is_refused(bad: tuple[float, float, int, float]) -> None:
     with pytest.raises(ValueError, match="needs"):
         SequentialTest(*bad)

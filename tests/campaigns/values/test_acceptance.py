@@ -8,7 +8,7 @@ from wil_campaign.campaigns.values.acceptance import Requirement, Share, parse_s
 
 
 @pytest.mark.parametrize("text", ["", "5", "5/", "0/5", "6/5", "-1/5", "a/b", "5/5/5"])
-def test_shares_that_cannot_be(text: str) -> None:
+def test_an_impossible_share_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="must"):
         parse_share(text)
 

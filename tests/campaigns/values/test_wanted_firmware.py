@@ -22,13 +22,15 @@ HASH = "83c4f4e580000000"
         ("83c4f4f", "1.18.0-beta", False),
     ],
 )
-def test_a_version_fits(wanted: str, version: str, is_met: bool) -> None:
+def test_a_version_fits_a_wanted_one_by_its_leading_parts(
+    wanted: str, version: str, is_met: bool
+) -> None:
     check_version(wanted)
     assert fits(wanted, version, HASH) is is_met
 
 
 @pytest.mark.parametrize("text", ["", "latest", "v1.16", "1.2.3.4", "83c4f", "4.6.*"])
-def test_what_is_no_version_is_refused(text: str) -> None:
+def test_a_text_that_is_no_version_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="must be a version like"):
         check_version(text)
 

@@ -69,7 +69,7 @@ def test_inputs_follow_from_their_numbers() -> None:
     assert len(set(once)) > 40
 
 
-def test_a_length_beyond_what_a_machine_addresses_is_damage(tmp_path: Path) -> None:
+def test_a_length_beyond_the_address_space_is_damage(tmp_path: Path) -> None:
     fed = feed(TARGETS["recording"], tmp_path, 1797, 1)
     assert (fed.failures, fed.taken) == ([], 1)
 

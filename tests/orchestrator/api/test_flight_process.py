@@ -17,8 +17,14 @@ from wil_campaign.orchestrator.api.flight_messages import (
     FlightRequest,
     Message,
     encode_line,
+    encode_request,
 )
-from wil_campaign.orchestrator.api.flight_process import MessageWatcher, _fly_to_end, _stop_at_end
+from wil_campaign.orchestrator.api.flight_process import (
+    MessageWatcher,
+    _fly_campaign,
+    _fly_to_end,
+    _stop_at_end,
+)
 from wil_campaign.orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
     Watcher,
@@ -44,7 +50,7 @@ def test_all_vehicles_land_when_the_input_ends_has_a_line_or_breaks(
     assert sent == [(os.getpid(), signal.SIGINT)]
 
 
-REQUEST = FlightRequest(file=Path("gate.yaml"), choice=ALL, options=USUAL)
+REQUEST = encode_request(FlightRequest(file=Path("gate.yaml"), choice=ALL, options=USUAL))
 TEXTS = [f"{number}: " + 1000 * "x" for number in range(200)]
 """More than a pipe holds."""
 
@@ -73,7 +79,8 @@ def test_a_program_that_does_not_read_keeps_no_campaign_from_landing(
         with os.fdopen(writer, "wb") as stream:
             watcher = MessageWatcher(stream)
             flying = threading.Thread(
-                target=lambda: watcher.send(_fly_to_end(REQUEST, watcher)), daemon=True
+                target=lambda: watcher.send(_fly_to_end(_fly_campaign, REQUEST, watcher)),
+                daemon=True,
             )
             flying.start()
             has_flown = flown.wait(20.0)

@@ -61,7 +61,7 @@ def test_a_program_flies_on_a_bench_of_this_machine_with_consent_alone(
 
 
 @pytest.mark.no_turn("flies nothing")
-def test_who_may_not_arm_on_a_bench_does_not_by_a_program_either(
+def test_a_user_without_the_right_to_arm_cannot_arm_a_bench_by_a_program(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stop = flying.FlightProcess.stop

@@ -135,7 +135,7 @@ def test_mavsdk_arms_it_and_it_ends_with_the_program_however_that_ends() -> None
     wait(lambda: not psutil.pid_exists(pid) or psutil.Process(pid).status() == "zombie")
 
 
-def test_one_that_ends_by_itself_is_an_error_of_the_block() -> None:
+def test_a_mock_vehicle_that_ends_by_itself_is_an_error_of_the_block() -> None:
     vehicle = wil_campaign.mock_vehicle("px4")
     vehicle.start()
     assert vehicle.pid is not None

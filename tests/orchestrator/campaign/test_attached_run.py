@@ -22,6 +22,8 @@ from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.processes.identity import ProcessId
 
+TRUTHS = (("px4", "HIL_STATE_QUATERNION"), ("ardupilot", "SIM_STATE"))
+
 
 def await_datagram(port: int) -> None:
     """Wait for the first datagram at a port: the process of the vehicle that sends there is up."""
@@ -145,6 +147,32 @@ async def test_no_arm_tries_everything_and_arms_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.no_turn("flies nothing")
+@pytest.mark.parametrize(("firmware", "message"), TRUTHS)
+async def test_an_attached_simulation_that_offers_its_ground_truth_is_judged_by_it(
+    tmp_path: Path, firmware: str, message: str
+) -> None:
+    port = free_port()
+    sets = words(
+        vehicles__real__link=f"tcpout://127.0.0.1:{port}",
+        vehicles__real__autopilot=firmware,
+        vehicles__real__pose_source="null",
+        preflight__failsafe="set",
+    )
+    arguments = ("--case", "large", "--mode", "wil", "--json", "--no-arm", *sets)
+    async with (
+        outside(f"tcpin://127.0.0.1:{port}", firmware),
+        Program(tmp_path / "out", *arguments) as one,
+    ):
+        tried = await one.end()
+    assert tried.code == 5, tried.why
+    assert f"real: judged by its simulator's ground truth ({message}); " in tried.err
+    flown = json.loads((one.run_folder().parents[2] / "campaign.json").read_text())
+    assert flown["options"]["set"][-1] == "vehicles.real.pose_source=simulator"
+    noted = [line for line in lines(one.run_folder() / "log.jsonl") if line["event"] == "preflight"]
+    assert "ground_truth" in [line["check"] for line in noted]
+
+
+@pytest.mark.no_turn("flies nothing")
 async def test_a_simulator_that_dies_at_its_start_is_an_error_with_its_words(
     tmp_path: Path,
 ) -> None:
@@ -165,7 +193,7 @@ async def test_a_simulator_that_dies_at_its_start_is_an_error_with_its_words(
     assert "PANIC: no such frame" in run["reason"]
 
 
-async def test_of_two_campaigns_at_one_vehicle_s_port_one_flies_and_the_other_says_why(
+async def test_one_of_two_campaigns_at_one_vehicles_port_flies_and_the_other_says_why(
     tmp_path: Path,
 ) -> None:
     port = free_port()

@@ -27,7 +27,9 @@ class Stopped(SilentDisplay):
         self.shown.append(text)
 
 
-def test_what_waits_for_a_display_is_bounded_and_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_lines_that_wait_for_a_display_are_bounded_and_in_order(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(display_thread, "_MOST_UPDATES", 2)
     monkeypatch.setattr(display_thread, "_MOST_LINES", 4)
     monkeypatch.setattr(display_thread, "_SETTLED_S", 0.01)
@@ -62,7 +64,7 @@ class Deaf(SilentDisplay):
         raise LookupError(text)
 
 
-def test_what_a_display_raises_comes_with_a_later_call() -> None:
+def test_an_error_of_a_display_is_raised_by_a_later_call() -> None:
     with DisplayThread(Deaf()) as display:
         display.say("one")
         with pytest.raises(LookupError, match="one"):
@@ -70,7 +72,7 @@ def test_what_a_display_raises_comes_with_a_later_call() -> None:
         display.settle()
 
 
-def test_what_a_display_raises_at_last_comes_at_the_end_and_hides_no_other_error() -> None:
+def test_a_last_error_of_a_display_is_raised_at_the_end_and_hides_no_other() -> None:
     with pytest.raises(LookupError, match="one"), DisplayThread(Deaf()) as display:
         display.say("one")
     with pytest.raises(OSError, match="disk"), DisplayThread(Deaf()) as display:

@@ -40,5 +40,5 @@ def test_a_vehicle_that_flies_alone_teaches_nothing(campaign: Campaign) -> None:
     assert known(campaign, "wall", "sim", twin=3.13) == {}
 
 
-def test_under_virtual_time_no_run_depends_on_those_before_it(campaign: Campaign) -> None:
+def test_no_run_in_virtual_time_depends_on_the_runs_before_it(campaign: Campaign) -> None:
     assert known(campaign, "virtual", "wil", real=3.2, twin=1.3) == {}

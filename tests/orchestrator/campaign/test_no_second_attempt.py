@@ -137,7 +137,7 @@ def plan_in(folder: Path) -> RunPlan:
         (GOAL + TOUCHED + '{"t_s": 22.0, "ev', {}, "FAIL", False),  # and was cut
     ],
 )
-def test_what_a_lost_run_had_decided_stays(
+def test_a_lost_run_keeps_the_verdict_that_it_had_decided(
     tmp_path: Path, log: str, how: dict[str, Any], verdict: str, is_due: bool
 ) -> None:
     result = lost(tmp_path, log, **how)
@@ -171,7 +171,7 @@ def test_a_flight_that_was_invalid_and_then_touched_the_gate_is_not_flown_again(
 
 
 @pytest.mark.parametrize(("ends", "no_retry"), [(True, ""), (False, "reached of twin failed")])
-def test_what_an_ended_flight_did_not_do_any_more_is_no_failure(
+def test_a_goal_missed_since_the_flight_was_ended_is_no_failure(
     fly_run: Fly, ends: bool, no_retry: str
 ) -> None:
     """Where the flight went on to its end and did not reach the gate, that is one."""

@@ -123,7 +123,7 @@ def test_no_code_that_the_files_name_is_run(recorded: Path, tmp_path: Path, caps
     assert marker.exists()
 
 
-def test_what_was_not_flown_and_what_is_no_recording_are_reported(
+def test_judge_reports_runs_never_flown_and_a_folder_without_recordings(
     recorded: Path, tmp_path: Path, capsys: Any
 ) -> None:
     assert judge(recorded, repetitions=4) == 3
@@ -277,7 +277,7 @@ def test_a_required_run_that_is_not_there_is_forgiven_by_no_share(
         (None, 3, "it was cut off, or flown by an earlier version"),
     ],
 )
-def test_what_ended_the_campaign_outside_of_its_runs_decides_again(
+def test_judge_counts_the_end_of_a_campaign_outside_of_its_runs(
     recorded: Path, tmp_path: Path, capsys: Any, ended: tuple[dict[str, Any] | None, int, str]
 ) -> None:
     fields, code, said = ended

@@ -36,7 +36,7 @@ def test_nothing_is_begun_until_somebody_resumes(tmp_path: Path) -> None:
     assert asked.endswith("then run: wil-campaign resume")
 
 
-def test_when_nobody_comes_the_campaign_ends(tmp_path: Path) -> None:
+def test_the_campaign_ends_when_nobody_comes(tmp_path: Path) -> None:
     fleet, said = FakeFleet(flying=0), list[str]()
     controller = make_controller(tmp_path, fleet)
 

@@ -143,7 +143,7 @@ def fly_filmed(
         (("never", "FAIL", 1), False),
     ],
 )
-def test_a_video_is_made_of_what_went_wrong_and_of_the_first(
+def test_a_video_is_made_of_runs_that_failed_and_of_the_first(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     flown: tuple[str, Verdict, int],

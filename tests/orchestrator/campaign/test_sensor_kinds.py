@@ -25,7 +25,7 @@ def kinds(folder: Path, *vehicles: str) -> dict[str, SensorKind]:
 TWIN = "twin: {link: embedded, autopilot: px4}"
 
 
-def test_what_is_computed_for_an_attached_vehicle_is_synthesised(tmp_path: Path) -> None:
+def test_readings_computed_for_an_attached_vehicle_are_synthesised(tmp_path: Path) -> None:
     link = "udpin://0.0.0.0:14540"
     assert kinds(
         tmp_path, f"real: {{link: '{link}', autopilot: px4, sensors: {SENSORS}}}", TWIN
@@ -37,7 +37,7 @@ def test_a_simulation_of_ours_has_its_sensors_itself(tmp_path: Path) -> None:
     assert kinds(tmp_path, f"real: {{{seeing}}}", f"twin: {{{seeing}}}") == {"camera": "rendered"}
 
 
-def test_what_an_attached_vehicle_sends_itself_is_live(tmp_path: Path) -> None:
+def test_readings_that_an_attached_vehicle_sends_are_live(tmp_path: Path) -> None:
     link = "udpin://0.0.0.0:14540"
     own = "gps: {type: gps, source: mavlink}, imu: {type: imu, source: mavlink}"
     sensors = f"{{{own}, lidar: {{type: lidar}}}}"

@@ -58,7 +58,7 @@ def left_in(runtime: Path) -> list[str]:
     return files + [words for _, words in processes_of(runtime).values()]
 
 
-async def test_in_one_folder_each_has_its_own_and_loses_nothing(
+async def test_programs_with_one_output_folder_have_own_folders_and_lose_nothing(
     tmp_path: Path, runtime: Path
 ) -> None:
     campaign = write_hover(tmp_path)
@@ -73,7 +73,7 @@ async def test_in_one_folder_each_has_its_own_and_loses_nothing(
     assert left_in(runtime) == []
 
 
-async def test_of_two_with_a_broker_on_one_port_one_flies_and_the_other_says_why(
+async def test_one_of_two_campaigns_with_one_broker_port_flies_and_the_other_says_why(
     tmp_path: Path, runtime: Path
 ) -> None:
     campaign, port = write_hover(tmp_path), free_port()

@@ -101,7 +101,7 @@ def refused(*sets: str, **options: Any) -> RefusedError:
     return caught.value
 
 
-def test_embedded_vehicles_need_nobody_s_leave() -> None:
+def test_embedded_vehicles_need_no_consent() -> None:
     cleared = clear(campaign(), FlightOptions(jobs=3))
     assert cleared == Cleared("virtual", 3, "embedded")
     assert clear(campaign(), FlightOptions(clock="wall")).clock == "wall"
@@ -116,7 +116,7 @@ def test_embedded_vehicles_need_nobody_s_leave() -> None:
         ({"clock": "virtual"}, "--clock virtual: real is not embedded"),
     ],
 )
-def test_what_is_refused_without_touching_anything(options: dict[str, Any], said: str) -> None:
+def test_missing_consent_is_refused_before_any_contact(options: dict[str, Any], said: str) -> None:
     error = refused(LINK % 14540, **options)
     assert error.code == 2
     assert re.search(said, str(error))
@@ -127,7 +127,7 @@ def test_a_vehicle_that_does_not_fly_is_not_asked_for() -> None:
     assert cleared.clock == "virtual"
 
 
-def test_a_port_where_nobody_speaks_is_reported_within_seconds() -> None:
+def test_a_silent_port_is_reported_within_seconds() -> None:
     port = free_port()
     flown = campaign(LINK % port)
     began_s = time.monotonic()
@@ -303,7 +303,7 @@ def test_boards_that_could_touch_fly_with_a_person_at_a_terminal_alone() -> None
 @pytest.mark.parametrize(
     ("answers", "armed"), [("intruder\ny\n", True), ("y\ny\n", False), ("intruder\nno\n", False)]
 )
-def test_the_person_types_the_name_of_what_flies_at_the_real_vehicle(
+def test_the_person_types_the_name_of_the_actor_at_the_real_vehicle(
     monkeypatch: pytest.MonkeyPatch, answers: str, armed: bool
 ) -> None:
     screen = Terminal()
@@ -336,7 +336,7 @@ def test_the_program_says_it_in_one_line(
     assert "--arm-real" in capsys.readouterr().err
 
 
-def test_the_driver_may_be_given_whose_link_it_is() -> None:
+def test_a_driver_with_a_system_id_finds_its_vehicle_on_a_shared_link() -> None:
     """Two vehicles on one link: the one that was asked for is found."""
     from tests.vehicles.links.test_redundant import TwoRadios
     from wil_campaign.orchestrator.model.clock import run_virtual
@@ -362,7 +362,7 @@ def test_the_driver_may_be_given_whose_link_it_is() -> None:
     assert run_virtual(scenario()) == 2
 
 
-def test_without_a_place_for_backups_no_attached_vehicle_is_armed(
+def test_no_attached_vehicle_is_armed_without_a_place_for_backups(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def unknown(uid: int) -> None:
@@ -382,7 +382,7 @@ def test_without_a_place_for_backups_no_attached_vehicle_is_armed(
     assert "has no home folder for the backups" in said
 
 
-def test_without_jsbsim_a_campaign_of_attached_vehicles_is_cleared_and_no_other(
+def test_only_a_campaign_of_attached_vehicles_is_cleared_without_jsbsim(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """As on Linux on ARM, where there is no package of it."""

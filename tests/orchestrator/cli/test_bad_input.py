@@ -45,7 +45,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("marked", "said"), WRONG)
-def test_exit_2_with_the_place(
+def test_bad_input_is_exit_2_with_its_place(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], marked: str, said: str
 ) -> None:
     path = write_hover(tmp_path)

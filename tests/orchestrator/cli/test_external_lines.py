@@ -41,7 +41,7 @@ def run(outside: ExternalResult | None) -> RunResult:
     )
 
 
-def test_a_line_for_each() -> None:
+def test_each_external_source_and_outlet_has_a_line() -> None:
     assert external_lines([run(OUTSIDE)]) == [
         "real camera (live): 300 delivered, 2 dropped, 1 missed, 0 damaged, 1 stall",
         (

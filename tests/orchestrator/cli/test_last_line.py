@@ -12,7 +12,7 @@ from wil_campaign.orchestrator.cli.verdict_table import (
 )
 
 
-def test_what_does_not_fit_into_the_last_line_stands_above_it() -> None:
+def test_text_too_long_for_the_last_line_stands_above_it() -> None:
     left_out = tuple(f"a-long-name-of-a-case-{k}/wil" for k in range(6))
     found = replace(
         summary([result() for _ in range(3)]),
@@ -27,7 +27,7 @@ def test_what_does_not_fit_into_the_last_line_stands_above_it() -> None:
     assert lines[-2] == f"required but left out: {', '.join(left_out)}"
 
 
-def test_of_very_many_parts_the_last_line_has_a_count() -> None:
+def test_the_last_line_counts_very_many_parts() -> None:
     found = replace(
         summary([result("INVALID")]),
         unmet=tuple(f"the control number {k} ended as something else: why" for k in range(9)),

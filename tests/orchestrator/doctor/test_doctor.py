@@ -58,7 +58,7 @@ def test_missing_packages_are_named() -> None:
     assert (good.grade, good.text) == ("good", "wil-campaign 1.0 with the 2 packages that it needs")
 
 
-def test_mavsdk_is_there_or_not() -> None:
+def test_a_missing_mavsdk_is_a_note_with_its_remedy() -> None:
     def find(name: str) -> str:
         raise PackageNotFoundError(name)
 
@@ -123,7 +123,7 @@ def test_docker_is_asked_through_its_client(
     assert said in found.text
 
 
-def test_clocks() -> None:
+def test_the_doctor_grades_clocks_and_scheduling() -> None:
     now = datetime(2026, 5, 1, tzinfo=UTC)
     good = list(machine.clock(0.0004, stalled_s=0.01, synchronised=True, now=now))
     assert [one.grade for one in good] == ["good", "good", "good"]
@@ -159,7 +159,7 @@ def test_serial_ports_with_and_without_permission(
     assert refused.remedy == "sudo usermod -aG dialout $USER, and log in again"
 
 
-def test_what_a_crash_left_is_named(tmp_path: Path) -> None:
+def test_processes_and_backups_that_a_crash_left_are_named(tmp_path: Path) -> None:
     assert only(machine.orphans((), (), tmp_path / "nothing")).text == "nothing"
     (tmp_path / "000001.parameters.json").write_text("{}")
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as child:
@@ -231,7 +231,7 @@ def test_the_command_tells_it_as_json_too(
     assert "wil-campaign validate" in capsys.readouterr().out
 
 
-def test_what_a_campaign_names_and_this_machine_lacks_keeps_it_from_flying(
+def test_a_missing_driver_or_broker_keeps_a_campaign_from_flying(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     port, file = free_port(), write_wall(tmp_path)
@@ -248,7 +248,9 @@ def test_what_a_campaign_names_and_this_machine_lacks_keeps_it_from_flying(
     assert f"{file}: the broker mqtt://127.0.0.1:{port} does not answer" in broker.text
 
 
-def test_where_kernels_are_cached(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_doctor_says_where_kernels_are_cached(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     good = only(machine.kernels(KernelCache(tmp_path / "kernels-1", ())))
     assert (good.grade, good.text) == (
         "good",
@@ -266,7 +268,9 @@ def test_where_kernels_are_cached(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert last.remedy == none.remedy == "set NUMBA_CACHE_DIR to a folder of your own that is kept"
 
 
-def test_where_sockets_are(short_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_doctor_says_where_sockets_are(
+    short_folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
     found = only(machine.sockets())
     assert (found.grade, found.text) == ("good", f"sockets are in {short_folder}/wil-campaign")

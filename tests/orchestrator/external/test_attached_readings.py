@@ -15,7 +15,7 @@ from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.mavlink.names import message_number
-from wil_campaign.vehicles.readings import SENSOR_TYPES, GpsReading
+from wil_campaign.vehicles.readings import GpsReading, reading_types
 from wil_campaign.vehicles.sensors.lidar import LOOKING_DOWN
 from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings
 from wil_campaign.vehicles.sources.readings.mavlink_readings import MavlinkReadings, MavlinkSensor
@@ -47,7 +47,7 @@ def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ("ardupilot", "gps", "GPS_RAW_INT"),
     ],
 )
-async def test_what_a_vehicle_is_asked_for_comes_over_its_socket(
+async def test_requested_readings_come_over_the_socket_of_the_vehicle(
     autopilot: str, kind: str, message: str
 ) -> None:
     """No flight: however slow the machine is, what comes is read, stamped and plausible."""
@@ -64,7 +64,7 @@ async def test_what_a_vehicle_is_asked_for_comes_over_its_socket(
             feed.attach(driver)
             await driver.identify(60.0)
             found = [await anext(live) for _ in range(20)]
-    assert {type(one) for one in found} == {SENSOR_TYPES[kind]}
+    assert {type(one) for one in found} == {reading_types()[kind]}
     assert [one.t_s for one in found] == sorted({one.t_s for one in found})
     assert all(one.t_s <= one.arrived_s for one in found)
     newest, frame = found[-1], LocalFrame(47.4, 8.5, 488.0)

@@ -82,7 +82,7 @@ async def test_a_body_that_is_not_among_those_that_come_is_reported(port: int) -
             await captures.ready(0.2)
 
 
-async def test_what_cannot_be_read_is_reported(port: int) -> None:
+async def test_motion_capture_messages_that_cannot_be_read_are_reported(port: int) -> None:
     async with AsyncExitStack() as stack:
         captures = MotionCaptures(wanted(port))
         await captures.open(stack)

@@ -69,7 +69,7 @@ def test_each_observer_is_called_in_order(monkeypatch: pytest.MonkeyPatch) -> No
     assert [one.vehicle for one in run.result.injected] == ["a", "b"]
 
 
-def test_what_each_has_checked_is_one_text(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_checks_of_all_observers_are_one_text(monkeypatch: pytest.MonkeyPatch) -> None:
     async def checked(*names: str) -> str:
         await asyncio.sleep(0.0)
         run = external(monkeypatch, [], *names)

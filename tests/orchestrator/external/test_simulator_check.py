@@ -160,9 +160,7 @@ async def test_nothing_is_measured_before_the_goal() -> None:
     assert (check.coverage.frames, check.look_back()) == (0, "")
 
 
-async def test_a_simulator_that_promises_ids_and_sends_none_is_found_before_anything_starts() -> (
-    None
-):
+async def test_a_simulator_without_the_ids_it_promises_is_found_before_anything_starts() -> None:
     class Empty(StandIn):
         def _answer(self, ask: dict[str, Any]) -> list[bytes]:
             return super()._answer(ask | {"want": ["image"]})

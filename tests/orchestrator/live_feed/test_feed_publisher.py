@@ -101,7 +101,7 @@ def test_a_console_gets_facts_events_views_and_images() -> None:
     assert (shown.width_px, round(shown.age_s, 3), shown.jpeg[:2]) == (1280, 0.1, b"\xff\xd8")
 
 
-def test_without_a_console_no_state_is_asked_for_and_no_image_kept() -> None:
+def test_no_state_is_requested_and_no_image_kept_without_a_console() -> None:
     with publisher() as feed:
         time.sleep(0.1)
         feed.images(images())

@@ -85,7 +85,7 @@ def test_a_fence_changed_in_flight_is_reported_with_the_verdict() -> None:
     assert properties(*runs) == {"fence_changed": "real and twin by cli:anna (large wil, 2 runs)"}
 
 
-def test_it_is_reported_where_a_campaign_is_not_accepted_too() -> None:
+def test_a_changed_fence_is_reported_where_a_campaign_is_not_accepted_too() -> None:
     last = caveat_lines(run(verdict="FAIL", fence_changes=(CHANGED,)))[-1]
     assert last == "not accepted; fence changed in flight by cli:anna"
 
@@ -136,7 +136,7 @@ def test_a_campaign_that_is_not_accepted_tells_it_beneath_the_table_alone() -> N
     ],
     ids=["the twin beside the real one", "it passed", "the run failed anyway"],
 )
-def test_what_would_be_noise_is_not_reported(silent: RunResult) -> None:
+def test_oracles_without_news_are_not_reported(silent: RunResult) -> None:
     assert not [line for line in caveat_lines(silent) if "reported only" in line]
     assert properties(silent) == {}
 
@@ -273,7 +273,7 @@ def test_a_named_object_that_no_mixture_had_in_view_is_reported() -> None:
     assert caveat_lines(*runs)[-1] == "not accepted; never in view: gate"
 
 
-def test_readings_that_nobody_measured_are_named_beside_the_verdict() -> None:
+def test_synthesised_readings_are_named_beside_the_verdict() -> None:
     made = replace(
         summary(run()), sensors={"camera": "live", "lidar": "synthesised", "gps": "synthesised"}
     )

@@ -126,7 +126,7 @@ def test_results_come_in_the_order_of_submission() -> None:
     assert order == ["first", "second"]
 
 
-def test_an_error_in_a_job_reaches_who_waits() -> None:
+def test_an_error_in_a_job_reaches_its_waiter() -> None:
     def fail() -> None:
         raise ValueError("no")
 

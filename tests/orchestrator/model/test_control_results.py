@@ -69,7 +69,7 @@ def summary(*runs: RunResult, due: int = 1) -> Summary:
         (control("ABORTED", decided_by=""), 4, False),
     ],
 )
-def test_a_campaign_is_accepted_only_when_its_controls_end_as_they_must(
+def test_a_campaign_is_accepted_only_when_its_controls_end_as_expected(
     given: RunResult, code: int, is_accepted: bool
 ) -> None:
     runs = [result(), given]
@@ -106,7 +106,7 @@ def test_a_control_may_be_expected_to_end_by_a_cause(reason: str, met: bool) -> 
     assert found.met == met
 
 
-def test_a_control_that_ended_as_it_must_is_not_flown_again() -> None:
+def test_a_control_that_ended_as_expected_is_not_flown_again() -> None:
     expected = Expectation("large", "INVALID", None, "froze")
     good = control("INVALID", reason="it froze", decided_by="", expected=expected)
     assert not retry_due(good, retries=3)
@@ -158,7 +158,7 @@ def test_a_control_is_a_test_case_that_succeeds_when_it_fails(
     assert names == ([] if tag is None else ["controls_unmet"])
 
 
-def test_what_is_not_judged_is_reported_in_table_and_junit() -> None:
+def test_an_oracle_that_was_not_judged_is_reported_in_table_and_junit() -> None:
     run = replace(result(), not_judged=("collision_always",))
     found = summary(run, control())
     assert conclusions(found)[-1].plain.startswith("accepted; not judged: collision_always")

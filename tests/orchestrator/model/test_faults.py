@@ -14,7 +14,7 @@ def faults_of(take: Callable[[Fault], None]) -> tuple[Faults, list[str]]:
     return faults, logged
 
 
-def test_an_exception_of_whoever_takes_a_fault_is_a_fault_that_is_not_taken() -> None:
+def test_an_exception_of_a_fault_handler_is_recorded_and_not_handled() -> None:
     taken: list[str] = []
 
     def take(fault: Fault) -> None:
@@ -32,7 +32,7 @@ def test_an_exception_of_whoever_takes_a_fault_is_a_fault_that_is_not_taken() ->
     assert [fault.text for fault in faults.all] == logged
 
 
-def test_a_fault_that_is_raised_again_while_it_is_taken_is_kept_once() -> None:
+def test_a_fault_that_its_handler_raises_again_is_recorded_once() -> None:
     boom = ValueError("boom")
 
     def take(_: Fault) -> None:
@@ -43,7 +43,7 @@ def test_a_fault_that_is_raised_again_while_it_is_taken_is_kept_once() -> None:
     assert logged == ["a display: ValueError: boom"]
 
 
-def test_a_requested_cancellation_while_a_fault_is_taken_is_raised() -> None:
+def test_a_cancellation_that_a_fault_handler_requests_is_raised() -> None:
     def take(_: Fault) -> None:
         task = asyncio.current_task()
         assert task is not None

@@ -49,7 +49,7 @@ def test_another_version_differs_from_another_unit() -> None:
     )
 
 
-def test_what_is_unknown_and_the_uid_of_a_simulation_are_no_change() -> None:
+def test_unknown_parameters_and_the_uid_of_a_simulation_are_no_change() -> None:
     assert firmware_changes(BOARD, replace(BOARD, parameters="")) == ("", "")
     simulated = replace(BOARD, board="simulation")
     assert firmware_changes(simulated, replace(simulated, uid="99")) == ("", "")

@@ -70,7 +70,7 @@ def three(*verdicts: str) -> list[RunResult]:
         (("FAIL",), ALL_OF_THREE, 3, False),
     ],
 )
-def test_exit_codes(
+def test_verdicts_and_requirements_decide_the_exit_code(
     verdicts: tuple[str, ...],
     requirements: tuple[Requirement, ...],
     code: int,
@@ -81,14 +81,14 @@ def test_exit_codes(
     assert accepted(runs, requirements) is is_accepted
 
 
-def test_without_required_runs_nothing_is_accepted() -> None:
+def test_nothing_is_accepted_without_required_runs() -> None:
     runs = [result("FAIL", required=False), result("ERROR", 2, required=False)]
     assert exit_code(runs, ()) == 5
     assert accepted(runs, ()) is None
     assert exit_code([], ALL_OF_THREE) == 5
 
 
-def test_what_is_only_reported_does_not_count() -> None:
+def test_a_run_that_is_only_reported_does_not_count() -> None:
     runs = [*three("PASS", "PASS", "PASS"), result("FAIL", case="small", required=False)]
     assert exit_code(runs, ALL_OF_THREE) == 0
 
@@ -97,7 +97,7 @@ def test_what_is_only_reported_does_not_count() -> None:
     ("ended", "code"),
     [({"stopped": "signal"}, 130), ({"stopped": "command"}, 4), ({"broken": True}, 3)],
 )
-def test_what_ends_with_another_code_than_0_is_not_accepted(
+def test_a_campaign_with_another_exit_code_than_0_is_not_accepted(
     ended: dict[str, Any], code: int
 ) -> None:
     """All that is required passed, and then the campaign was stopped, or an exception came."""
@@ -109,7 +109,7 @@ def test_what_ends_with_another_code_than_0_is_not_accepted(
     assert [accepted(one, ALL_OF_THREE) for one in (runs, raised, aborted)] == [True, False, False]
 
 
-def test_precedence_of_what_ended_the_campaign() -> None:
+def test_the_end_of_a_campaign_comes_before_its_verdicts_in_the_exit_code() -> None:
     runs = three("FAIL", "ERROR", "ABORTED")
     assert exit_code(runs, ALL_OF_THREE, stopped="signal", broken=True) == 130
     assert exit_code(runs, ALL_OF_THREE, stopped="command", broken=True) == 4

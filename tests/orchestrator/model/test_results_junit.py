@@ -62,7 +62,7 @@ def suite(
     return found
 
 
-def test_what_was_left_out_is_a_property() -> None:
+def test_omitted_runs_are_a_property() -> None:
     (one,) = suite(left_out=("large/wil", "4 of 5 repetitions")).iter("property")
     assert dict(one.attrib) == {"name": "left_out", "value": "large/wil, 4 of 5 repetitions"}
     assert not list(suite().iter("property"))
@@ -99,7 +99,7 @@ def test_each_run_is_a_test_case_with_the_outcome_that_counts() -> None:
     assert found[1].get("time") == "12.346"
 
 
-def test_what_is_only_reported_says_so() -> None:
+def test_a_run_that_is_only_reported_is_skipped_with_its_verdict() -> None:
     (case,) = suite(run("FAIL", 1, required=False), requirements=())
     skipped = case.find("skipped")
     assert skipped is not None
@@ -156,7 +156,7 @@ BOTH = (run("PASS", 1), run("PASS", 2))
         (BOTH, {"missing": 1}, 3),
     ],
 )
-def test_what_is_not_accepted_is_never_green(
+def test_a_campaign_that_is_not_accepted_is_never_green(
     runs: tuple[RunResult, ...], ended: dict[str, Any], code: int
 ) -> None:
     assert exit_code(runs, HALF, **ended) == code
@@ -201,7 +201,7 @@ def test_a_campaign_that_is_not_accepted_says_what_was_never_flown() -> None:
         ({}, 5, ""),
     ],
 )
-def test_where_nothing_is_required_only_exit_code_5_is_green(
+def test_a_suite_without_required_runs_is_green_by_exit_code_5_alone(
     ended: dict[str, Any], code: int, message: str
 ) -> None:
     runs = [run("PASS", 1, required=False), run("FAIL", 2, required=False)]
@@ -222,7 +222,7 @@ def test_a_run_that_did_not_come_to_arming_as_asked_is_an_error() -> None:
     assert [outcome(case) for case in suite(good, bad, requirements=())] == ["skipped"] * 2
 
 
-def test_what_was_not_armed_as_asked_is_no_error_unless_it_left_something_behind() -> None:
+def test_an_unarmed_run_is_an_error_only_when_it_left_something_on_a_vehicle() -> None:
     good = run("ABORTED", 1, required=False, reason=NOT_ARMED)
     (case,) = suite(good, requirements=())
     assert outcome(case) == "skipped"

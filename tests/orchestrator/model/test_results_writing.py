@@ -19,7 +19,7 @@ def test_text_and_bytes_are_written(tmp_path: Path) -> None:
     assert [each.name for each in tmp_path.iterdir()] == ["a.json"]
 
 
-def test_what_was_there_stays_when_writing_fails(
+def test_the_old_file_stays_when_writing_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "a.json"
@@ -60,7 +60,7 @@ def test_the_file_is_flushed_before_it_gets_its_name(
     assert seen == ["file", "rename", "folder"]
 
 
-def test_half_of_a_surrogate_pair_becomes_what_json_has_for_it(tmp_path: Path) -> None:
+def test_half_of_a_surrogate_pair_is_escaped_in_json(tmp_path: Path) -> None:
     path = tmp_path / "result.json"
     write_whole(path, to_json({"reason": "\ud800"}))
     assert json.loads(path.read_text("utf-8")) == {"reason": "\ud800"}

@@ -188,7 +188,7 @@ ARMED = {"event": "stage", "stage": "arm"}
         (result(collisions=(Flag(3.0, "collision", "real", "real touched gate"),)), LANDED, [], ""),
     ],
 )
-def test_after_which_runs_it_may_fly_on(
+def test_the_end_of_a_run_decides_whether_it_flies_back(
     ended: RunResult, stand: StandingPose | None, log: list[dict[str, Any]], why: str
 ) -> None:
     said = why_no_return(ended, stand, log, solid={"pillar"})
@@ -205,7 +205,7 @@ def test_after_which_runs_it_may_fly_on(
         (way(Pose.of(3.0, 5.5, 0.0), altitude_m=3.9), ""),
     ],
 )
-def test_which_ways_are_free(back: ReturnPath, why: str) -> None:
+def test_a_blocked_way_back_is_refused_with_the_reason(back: ReturnPath, why: str) -> None:
     scene = World.parse(parse(WORLD.encode(), name="world.yaml")).scene("real", "W")
     probe = ClearanceProbe(scene, BODY, floors=False, within_m=CLEAR_M)
     assert why_path_blocked(back, fence=FENCE, keep_m=0.0, probe=probe) == why
@@ -296,7 +296,7 @@ def test_the_flight_back_after_a_run_that_was_flown_again_is_flown_as_well(
         (WorkerLost("its process died"), START, "the flight was lost: its process died"),
     ],
 )
-def test_one_that_did_not_come_back_is_asked_for(
+def test_a_person_is_asked_for_a_vehicle_that_did_not_come_back(
     hop: Callable[..., Campaign],
     tmp_path: Path,
     outcome: RunResult | WorkerLost,
@@ -313,7 +313,9 @@ def test_one_that_did_not_come_back_is_asked_for(
     assert why in said[-1]
 
 
-def test_what_must_not_fly_on_is_asked_for(hop: Callable[..., Campaign], tmp_path: Path) -> None:
+def test_a_person_is_asked_when_the_vehicle_must_not_fly_back(
+    hop: Callable[..., Campaign], tmp_path: Path
+) -> None:
     campaign = hop()
     made, asked, said = between(campaign, tmp_path / "o")
     order = RunOrder(plan=campaign.runs[0], folder=tmp_path / "o" / "run", clock="wall")
@@ -342,7 +344,7 @@ def test_a_vehicle_at_its_start_stays_there(hop: Callable[..., Campaign], tmp_pa
         (("embedded",), "", 0),
     ],
 )
-def test_who_is_asked_for(
+def test_a_person_is_asked_as_campaign_and_hardware_require(
     hop: Callable[..., Campaign],
     tmp_path: Path,
     made_of: tuple[Any, ...],

@@ -68,7 +68,9 @@ def cell(runs: list[RunResult], wanted: Requirement) -> tuple[str, str]:
         ("P", DECIDED, "ERROR (0.9:0.2)", "bold magenta"),
     ],
 )
-def test_the_cell_of_a_row(letters: str, wanted: Requirement, text: str, style: str) -> None:
+def test_the_cell_of_a_row_has_verdict_count_and_colour(
+    letters: str, wanted: Requirement, text: str, style: str
+) -> None:
     assert cell(runs_of(letters), wanted) == (text, style)
 
 
@@ -79,7 +81,7 @@ def test_a_pass_that_was_flown_again_has_a_star() -> None:
 
 
 @pytest.mark.parametrize("wanted", [ALL, TWO, DECIDED])
-def test_pass_is_what_the_exit_code_accepts(wanted: Requirement) -> None:
+def test_a_row_is_pass_exactly_where_the_exit_code_is_0(wanted: Requirement) -> None:
     rows = [row for count in (1, 2, 3) for row in product("PFEIAX", repeat=count)]
     for letters in map("".join, rows):
         runs = runs_of(letters)

@@ -71,7 +71,9 @@ def test_a_command_is_acknowledged_run_by_run_with_its_place(
     assert controller.status()["acknowledged"]["waiting"] == {}
 
 
-def test_what_flies_is_shown_with_its_node_and_bench(controller: CampaignController) -> None:
+def test_the_status_shows_each_flying_run_with_its_node_and_bench(
+    controller: CampaignController,
+) -> None:
     flying = controller.status()["flying"]
     assert {run: one["place"] for run, one in flying.items()} == {
         "large/wil/1": "first",
@@ -113,7 +115,7 @@ def test_an_abort_where_nothing_flies_is_refused_with_the_places_that_there_are(
     ("node", "bench", "meant"),
     [("", "", True), ("hall-pc", "", True), ("", "hall-a", True), ("first", "hall-a", False)],
 )
-def test_which_place_is_meant(node: str, bench: str, meant: bool) -> None:
+def test_a_command_means_a_place_by_its_node_or_bench(node: str, bench: str, meant: bool) -> None:
     assert HALL.is_meant(node=node, bench=bench) is meant
 
 

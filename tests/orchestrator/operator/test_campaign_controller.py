@@ -66,7 +66,7 @@ def test_abort_wins_and_is_reported_once(tmp_path: Path) -> None:
     assert said[0].startswith("hold by anna: held: 1 run in flight")
 
 
-def test_while_held_nothing_is_begun(tmp_path: Path) -> None:
+def test_nothing_is_begun_while_held(tmp_path: Path) -> None:
     fleet = FakeFleet(flying=2)
     controller = make_controller(tmp_path, fleet)
     with pytest.raises(RefusedLineError, match="no vehicle holds"):
@@ -135,7 +135,7 @@ async def test_a_campaign_says_on_its_machine_that_it_flies(tmp_path: Path, runt
     assert left(runtime) == []
 
 
-async def test_what_a_killed_campaign_left_is_swept_away(tmp_path: Path, runtime: Path) -> None:
+async def test_records_of_a_killed_campaign_are_removed(tmp_path: Path, runtime: Path) -> None:
     async with open_operator_channels(make_controller(tmp_path, FakeFleet())):
         record = runtime / f"campaign-{os.getpid()}.json"
         said = json.loads(record.read_text())

@@ -76,7 +76,7 @@ def test_a_campaign_file_of_another_shape_is_named(
     ("number", "words"),
     [("NaN", "NaN is not a number"), ("1e999", "1e999 is too large")],
 )
-def test_a_result_with_what_is_no_number_is_damaged(
+def test_a_result_with_a_value_that_is_no_number_is_damaged(
     tmp_path: Path, capsys: Capture, number: str, words: str
 ) -> None:
     folder = flown(tmp_path / "gate")

@@ -49,7 +49,7 @@ def test_documents_of_a_folder_are_refused_by_name(tmp_path: Path) -> None:
         read_data(folder / "summary.json")
 
 
-def test_what_is_nested_too_deep_is_a_value_error(tmp_path: Path) -> None:
+def test_json_that_is_nested_too_deep_is_a_value_error(tmp_path: Path) -> None:
     deep = b"[" * 100_000
     with pytest.raises(ValueError, match="it is nested too deep"):
         loads_limited(deep)
@@ -72,7 +72,7 @@ def test_a_long_log_keeps_its_first_events_and_every_stage(tmp_path: Path) -> No
     assert most_bytes < 2 * path.stat().st_size
 
 
-def test_of_a_long_trajectory_the_first_rows_are_read(
+def test_the_first_rows_of_a_long_trajectory_are_read(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "trajectory.csv"

@@ -137,7 +137,7 @@ def test_the_log_is_on_its_way_at_once(tmp_path: Path) -> None:
         }
 
 
-def test_the_log_takes_what_is_no_text_and_what_comes_too_late(tmp_path: Path) -> None:
+def test_the_log_takes_half_a_surrogate_pair_and_ignores_late_lines(tmp_path: Path) -> None:
     path = tmp_path / "log.jsonl"
     with RunLog(path=path) as log:
         log.write(0.5, "vehicle", text="half a pair: \ud800")
@@ -146,7 +146,7 @@ def test_the_log_takes_what_is_no_text_and_what_comes_too_late(tmp_path: Path) -
     assert json.loads(line)["text"] == "half a pair: \ud800"
 
 
-def test_a_note_that_has_what_separates_stays_one_cell(tmp_path: Path) -> None:
+def test_a_note_with_separators_stays_one_cell(tmp_path: Path) -> None:
     path = tmp_path / "trajectory.csv"
     row = TrajectoryRow(
         t_s=0.0,

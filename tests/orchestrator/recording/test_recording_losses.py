@@ -38,7 +38,9 @@ from wil_campaign.vehicles.background_file import Patience
         ),
     ],
 )
-def test_what_is_too_much(losses: list[TopicLoss], max_loss: float, said: str) -> None:
+def test_losses_above_the_limit_are_excessive(
+    losses: list[TopicLoss], max_loss: float, said: str
+) -> None:
     found = excessive_loss(losses, max_loss=max_loss)
     assert found.startswith(said)
     assert bool(found) == bool(said)
@@ -68,7 +70,7 @@ def test_readings_that_cannot_be_encoded_are_counted_by_topic(
 @pytest.mark.parametrize(
     ("stalls_at_end", "waiting"), [(False, ", 3 messages wait for it"), (True, "")]
 )
-def test_a_recording_that_a_dead_disk_leaves_unfinished_is_incomplete_until_it_comes_back(
+def test_a_recording_is_incomplete_until_its_dead_disk_comes_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stalls_at_end: bool, waiting: str
 ) -> None:
     """No message counts as lost: all of them still wait, or only the end of the file does."""

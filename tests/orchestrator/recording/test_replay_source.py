@@ -37,7 +37,7 @@ def test_taking_in_steps_gives_everything_once_and_on_time(path: Path) -> None:
     )
 
 
-def test_what_is_not_wanted_does_not_come(path: Path) -> None:
+def test_a_replay_gives_the_wanted_sensors_and_sources_alone(path: Path) -> None:
     poses = ReplaySource(path, sensors={"mocap"}).take(99.0)
     assert [reading.seq for _, reading in poses] == list(range(30))
     only: tuple[Source, ...] = ("twin",)

@@ -119,7 +119,7 @@ def test_a_stamp_of_0_loses_no_reading(
 @pytest.mark.parametrize(
     ("said", "meant"), [(2.5, 2.5), (9.0, math.inf), (math.inf, math.inf), (-math.inf, 0.25)]
 )
-def test_a_range(tmp_path: Path, said: float, meant: float) -> None:
+def test_a_range_message_becomes_a_reading(tmp_path: Path, said: float, meant: float) -> None:
     found = one_of(tmp_path, "rangefinder", "sensor_msgs/msg/Range", distance(said))
     assert isinstance(found, RangefinderReading)
     assert (found.range_m, found.range_min_m, found.range_max_m) == (meant, 0.25, 8.0)
@@ -152,7 +152,7 @@ def scan(*ranges_m: float) -> dict[str, Any]:
     return {**limits, **angles, "ranges": list(ranges_m), "intensities": []}
 
 
-def test_what_is_too_near_or_was_not_measured_is_no_free_space(tmp_path: Path) -> None:
+def test_a_beam_that_is_too_near_or_not_measured_is_no_free_space(tmp_path: Path) -> None:
     laser = "sensor_msgs/msg/LaserScan"
     found = one_of(tmp_path, "lidar", laser, scan(-math.inf, 1.0, math.inf))
     assert isinstance(found, LidarScanReading)
@@ -252,7 +252,7 @@ def test_a_fix_moves_by_its_change_of_place(tmp_path: Path) -> None:
     assert third.velocity_ned_m_s == pytest.approx((5.56, 0.0, 0.0), abs=0.01)
 
 
-def test_what_is_of_no_use_is_passed_over_and_counted(tmp_path: Path) -> None:
+def test_useless_messages_are_skipped_and_counted(tmp_path: Path) -> None:
     schema = "sensor_msgs/msg/NavSatFix"
     fixes = (fix(status=-1), fix(known=0), fix())
     bag = [("/gps", schema, AT_S + k, one) for k, one in enumerate(fixes)]

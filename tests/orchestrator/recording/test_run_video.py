@@ -83,9 +83,7 @@ def test_a_video_shows_what_was_perceived_at_its_times(
 
 
 @pytest.mark.parametrize("perceived", ["/mixed/front", None])
-def test_where_no_images_are_recorded_there_is_no_video(
-    tmp_path: Path, perceived: str | None
-) -> None:
+def test_a_recording_without_images_has_no_video(tmp_path: Path, perceived: str | None) -> None:
     assert not make_video(record(tmp_path, perceived=perceived, form="none"))
     assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
 

@@ -44,7 +44,7 @@ def has_enough(recorded: tuple[Counter[str], float]) -> bool:
     return all(recorded[0][kind] > 30 for kind in RECORDED)
 
 
-async def test_what_was_recorded_outlives_kill_9(tmp_path: Path) -> None:
+async def test_a_recording_outlives_kill_9_of_its_program(tmp_path: Path) -> None:
     async with Program(tmp_path / "out", "--mode", "wil", *STAYING) as program:
         await program.stage("goal")
         path = program.run_folder() / "run.mcap"

@@ -154,7 +154,7 @@ def test_nothing_is_wider_than_a_phone(page: Page, *, dark: bool) -> None:
     page.resize(1280, 900)
 
 
-def test_the_violated_limit_is_drawn_over_its_interval_with_what_is_beyond(high: Page) -> None:
+def test_the_violated_limit_is_drawn_over_its_interval_with_the_part_beyond(high: Page) -> None:
     run = "document.querySelector('#run-large-wil-1 .closeup"
     said = high.value(f"{run} figcaption').innerText")
     assert "at most 1 m, +0.00 s to +1.50 s" in said

@@ -41,7 +41,7 @@ def test_a_height_that_drifts_on_the_ground_is_no_lift(
     assert lifted(*samples) == 9.9
 
 
-def test_what_an_estimate_did_before_the_takeoff_is_no_lift() -> None:
+def test_drift_of_an_estimate_before_the_takeoff_is_no_lift() -> None:
     run_state, seconds = RunState(time=lambda: 5.0), count(0.0, 0.5)
     sync = Synchronisation(setup=cast("Any", None), run_state=run_state)
     real, twin = (
@@ -58,7 +58,7 @@ def test_what_an_estimate_did_before_the_takeoff_is_no_lift() -> None:
     assert sync.result().takeoff_skew_s == 0.25
 
 
-def test_nothing_is_known_of_who_stands() -> None:
+def test_a_standing_vehicle_has_no_lift() -> None:
     assert lifted((0.0, 0.0, 0.3), (0.4, 0.09, 0.3), (1.5, 0.08, 0.0), (3.0, 0.05, 0.0)) is None
 
 

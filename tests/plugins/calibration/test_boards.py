@@ -56,7 +56,7 @@ def test_nothing_is_found_where_no_board_is() -> None:
     assert CHARUCO.find(np.zeros((48, 64, 3), np.uint8)) is None
 
 
-def test_what_is_no_board_is_refused() -> None:
+def test_an_impossible_board_is_refused() -> None:
     with pytest.raises(CalibrationError, match="3 x 3 inner corners"):
         ChessBoard(2, 6, 0.025)
     with pytest.raises(CalibrationError, match="must be smaller than its squares"):

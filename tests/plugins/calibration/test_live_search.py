@@ -102,7 +102,7 @@ async def test_board_and_poses_come_together(monkeypatch: pytest.MonkeyPatch, po
     assert path.position_ned_m[0].tolist() == [1.0, 2.0, -3.0]
 
 
-async def test_without_motion_capture_there_is_no_path(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_search_without_motion_capture_has_no_path(monkeypatch: pytest.MonkeyPatch) -> None:
     through(monkeypatch, np.full((480, 640, 3), 90, np.uint8))
     with pytest.raises(CalibrationError, match="was found in none of"):
         await search_live(LiveOrder(camera=CAMERA, size=SIZE, for_s=0.2), CHARUCO)

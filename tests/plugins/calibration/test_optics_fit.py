@@ -92,7 +92,7 @@ def test_a_board_whose_print_is_bent_is_refused(of_charuco: list[Sighting]) -> N
         fit_optics(wrong, SIZE)
 
 
-def test_of_many_images_the_most_different_are_taken(of_charuco: list[Sighting]) -> None:
+def test_the_most_different_of_many_images_are_taken(of_charuco: list[Sighting]) -> None:
     chosen = most_different(of_charuco * 3, SIZE, 10)
     assert len(chosen) == 10
     assert len({id(one) for one in chosen}) == 10

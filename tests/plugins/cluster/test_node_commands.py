@@ -176,7 +176,7 @@ async def test_an_end_waits_for_its_reader_behind_the_news_before(
     assert not reader.blocked
 
 
-async def test_an_end_that_nobody_waits_for_is_given_up(
+async def test_an_end_without_a_waiter_is_given_up(
     tmp_path: Path, reader: Reader, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(node_process, "_REPORT_S", 0.01)

@@ -276,7 +276,7 @@ def test_an_unfit_node_flies_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
         ("ray://10.0.0.1:6379", "needs a token"),
     ],
 )
-def test_an_engine_that_there_is_not_is_exit_2(
+def test_an_unknown_engine_is_exit_2(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,

@@ -28,7 +28,7 @@ def order(tmp_path: Path) -> RunOrder:
     return RunOrder(plan=plan, folder=tmp_path / "out" / plan.name, clock="virtual")
 
 
-def test_a_run_that_had_not_begun_is_given_up_for_whoever_begins_it_now(
+def test_a_run_that_had_not_begun_is_given_up_to_a_new_start(
     order: RunOrder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert SharedResults().of_lost(order, "") == "it had not begun"

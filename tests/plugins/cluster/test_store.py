@@ -121,7 +121,7 @@ def test_more_bytes_are_given_more_time() -> None:
         ("nothing://bucket", "--store nothing://bucket"),
     ],
 )
-def test_what_is_no_store_is_refused(url: str, said: str) -> None:
+def test_an_address_that_is_no_store_is_refused(url: str, said: str) -> None:
     with pytest.raises(StoreRefusedError, match=said) as raised:
         open_store(url)
     assert "secret" not in str(raised.value)

@@ -107,7 +107,7 @@ def test_results_through_a_store_are_the_same_to_the_byte(
     assert not list(node_folders.glob("wil-run-*"))
 
 
-def test_what_cannot_be_sent_stays_on_the_node_which_the_reason_names(
+def test_a_result_that_cannot_be_sent_stays_on_the_node_that_the_reason_names(
     tmp_path: Path, store: Path, node_folders: Path
 ) -> None:
     refused = tmp_path / "refused"
@@ -222,7 +222,7 @@ async def test_a_node_that_is_deserted_before_a_run_begins_says_so_in_the_store(
     assert found == "its node has sent no result: it had not begun to fly, or was killed"
 
 
-def test_what_was_sent_for_a_program_that_died_is_fetched_by_the_next(
+def test_a_result_sent_for_a_program_that_died_is_fetched_by_the_next_one(
     tmp_path: Path, store: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Killed(BaseException):
@@ -313,7 +313,7 @@ def test_a_node_that_sees_another_store_is_refused(
         (["--engine", "ray", "--store", "nothing://x"], "nothing://x"),
     ],
 )
-def test_a_store_that_there_is_not_is_exit_2(
+def test_a_missing_store_is_exit_2(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], said: str
 ) -> None:
     out = tmp_path / "out"

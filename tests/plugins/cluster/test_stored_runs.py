@@ -45,7 +45,7 @@ def ignore(_: int) -> None:
     pass
 
 
-def test_what_is_sent_arrives_and_the_result_is_the_last_of_it(
+def test_a_sent_run_arrives_whole_and_its_result_is_sent_last(
     store: Store, flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     order: list[str] = []
@@ -82,7 +82,7 @@ def test_a_run_that_is_not_all_there_is_not_read(store: Store, flown: Path, tmp_
 
 
 @pytest.mark.parametrize("damage", [b"abd", b"ab", b"", b"abcabc"])
-def test_a_file_that_is_not_what_was_sent_is_refused_and_leaves_no_result(
+def test_a_file_that_differs_from_the_sent_one_is_refused_without_a_result(
     store: Store, flown: Path, tmp_path: Path, damage: bytes
 ) -> None:
     send_run(store, "c/1", flown, ignore)
@@ -134,7 +134,7 @@ def test_a_lost_node_is_waited_for_only_where_it_has_begun(
     assert contents(here) == FILES
 
 
-def test_a_run_that_was_given_up_does_not_begin_and_one_that_has_begun_is_not_given_up(
+def test_a_run_that_was_given_up_never_begins_and_a_begun_one_is_not_given_up(
     store: Store, tmp_path: Path
 ) -> None:
     here = tmp_path / "here"

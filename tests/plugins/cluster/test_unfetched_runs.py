@@ -24,7 +24,7 @@ def truncate(path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [truncate, Path.unlink])
-def test_a_run_whose_files_in_the_store_are_damaged_is_lost_and_the_others_are_fetched(
+def test_a_run_with_damaged_files_in_the_store_is_lost_and_others_are_fetched(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damage: Callable[[Path], None]
 ) -> None:
     monkeypatch.setattr(time, "sleep", lambda _: None)  # between tries

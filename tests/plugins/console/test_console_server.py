@@ -113,7 +113,9 @@ async def test_the_web_socket_needs_origin_and_session(console: Console) -> None
         (b" " * (MAX_BODY_BYTES + 1), 413),
     ],
 )
-async def test_what_is_no_command_is_refused(console: Console, body: bytes, status: int) -> None:
+async def test_a_request_that_is_no_command_is_refused(
+    console: Console, body: bytes, status: int
+) -> None:
     client = await console.client("operator")
     done = await console.post(client, "/command", body)
     assert (done.status, (await done.json())["ok"]) == (status, False)
@@ -166,7 +168,7 @@ async def test_a_fence_is_checked_before_it_is_sent(
     )
 
 
-async def test_of_a_flood_of_unauthorised_commands_none_is_accepted(console: Console) -> None:
+async def test_no_command_of_an_unauthorised_flood_is_accepted(console: Console) -> None:
     await console.client()
     host = console.origin.removeprefix("http://")
     reader, writer = await asyncio.open_connection(*host.split(":"))
@@ -319,11 +321,11 @@ def test_an_address_that_others_reach_needs_tls(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "127.0.0.1", ":8000", "localhost:1", "[::1]:8000"])
-def test_loopback_is_safe_without(text: str) -> None:
+def test_loopback_is_safe_without_tls(text: str) -> None:
     require_safe(ConsoleAddress.parse(text), tls=False)
 
 
 @pytest.mark.parametrize("text", ["a b", "host:99999", "http://127.0.0.1:1", ":x"])
-def test_what_is_no_address_is_refused(text: str) -> None:
+def test_a_text_that_is_no_console_address_is_refused(text: str) -> None:
     with pytest.raises(ConsoleError, match="not a console address"):
         ConsoleAddress.parse(text)

@@ -335,7 +335,7 @@ async def test_choosing_a_run_redraws_all_and_shows_its_events(console: Console)
     await look(console, seen)
 
 
-async def test_two_campaigns_are_both_named_and_what_is_up_counts_over_all(
+async def test_two_campaigns_are_named_and_their_flying_vehicles_are_summed(
     console: Console,
 ) -> None:
     def seen(feed: FakeFeed) -> None:

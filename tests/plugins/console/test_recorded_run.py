@@ -98,7 +98,7 @@ async def test_a_run_without_positions_cannot_be_played(tmp_path: Path) -> None:
         (("--speed", "0"), 2, "--speed is between"),
     ],
 )
-def test_what_cannot_be_served_is_refused_in_words(
+def test_a_run_that_cannot_be_served_is_refused_in_words(
     arguments: tuple[str, ...], code: int, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["console", *arguments]) == code

@@ -63,7 +63,7 @@ def test_an_address_that_others_reach_is_refused(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["a b", ":99999", "http://127.0.0.1:1"])
-def test_what_is_no_address_is_refused(text: str) -> None:
+def test_a_text_that_is_no_foxglove_address_is_refused(text: str) -> None:
     with pytest.raises(BridgeError, match="not an address for Foxglove"):
         bridge_address(text)
 
@@ -180,7 +180,7 @@ def image(number: int) -> ImageView:
     )  # fmt: skip
 
 
-def test_a_run_that_follows_resets_clients_and_one_that_stands_delays_nobody() -> None:
+def test_the_next_run_resets_clients_and_one_that_never_reads_delays_none() -> None:
     with FoxgloveServer(FREE) as server, listening(server.url) as seen:
         port = int(server.url.rpartition(":")[2])
         bridge = Bridge(server)

@@ -64,7 +64,7 @@ def assert_live_as_recorded(seen: Received, folder: Path) -> None:
     assert "goal" in {one["message"] for one in shown}
 
 
-def test_what_is_live_is_what_run_mcap_has_and_no_client_changes_the_flight(
+def test_live_messages_equal_run_mcap_and_no_client_changes_the_flight(
     fly_run: Fly, short_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))

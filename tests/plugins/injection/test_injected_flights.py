@@ -102,7 +102,9 @@ class ByPositions:
 """
 
 
-def test_who_steers_past_the_avoidance_proves_nothing(fly_run: Fly, tmp_path: Path) -> None:
+def test_an_autonomy_that_goes_round_the_avoidance_proves_nothing(
+    fly_run: Fly, tmp_path: Path
+) -> None:
     (tmp_path / "by_positions.py").write_text(BY_POSITIONS)
     result, folder = flown(fly_run, f"autonomy={tmp_path}/by_positions.py:ByPositions", mode="sim")
     assert result.verdict == "INVALID"

@@ -86,7 +86,7 @@ def test_the_mount_turns_and_shifts_the_scan() -> None:
     assert wired(obstacle_distance(scan([2.0], 90.0, 1.0, upside_down))).distances[54] == 200
 
 
-def test_what_is_not_a_number_is_unknown_and_never_free() -> None:
+def test_a_beam_that_is_no_number_is_unknown_and_never_free() -> None:
     message = wired(obstacle_distance(scan([math.nan, math.nan], 0.0, 90.0)))
     assert set(message.distances) == {UNKNOWN_CM}
 
@@ -110,7 +110,7 @@ def looking(pitch_deg: float, yaw_deg: float = 0.0) -> Pose:
     return Pose.of(0, 0, 0, pitch_rad=math.radians(pitch_deg), yaw_rad=math.radians(yaw_deg))
 
 
-def test_a_rangefinder_down() -> None:
+def test_a_rangefinder_that_looks_down_becomes_a_distance_sensor() -> None:
     message = wired(distance_sensor(rangefinder(2.344, looking(-90.0))))
     assert (message.time_boot_ms, message.current_distance) == (1500, 234)
     assert (message.min_distance, message.max_distance) == (10, 800)
@@ -149,7 +149,7 @@ def test_an_odd_direction_carries_its_attitude() -> None:
     assert message.quaternion == pytest.approx(mount.q_wxyz)
 
 
-def test_an_intruder() -> None:
+def test_an_intruder_becomes_an_adsb_vehicle() -> None:
     intruder = Intruder(10.0, 0xABCDEF, "WIL0001", 47.5, -8.5, 512.3, (3.0, -4.0, -1.5))
     message = wired(adsb_vehicle(intruder, now_s=12.5))
     assert (message.ICAO_address, message.callsign) == (0xABCDEF, "WIL0001")
@@ -204,7 +204,7 @@ def test_odometry_has_the_frame_that_each_takes(autopilot: Any, frame: int) -> N
     assert (message.vx, message.vy, message.vz) == pytest.approx((1.0, 0.0, 0.25))
 
 
-def test_odometry_without_velocity() -> None:
+def test_odometry_without_a_velocity_is_refused_for_ardupilot_alone() -> None:
     message = wired(odometry(pose_reading(None), autopilot="px4"))
     assert math.isnan(message.vx)
     with pytest.raises(ValueError, match="VISION_POSITION_ESTIMATE"):
@@ -263,7 +263,7 @@ def test_a_slow_feed_is_sent_as_it_comes_and_not_repeated() -> None:
     assert sent == [0.0, 0.7, 1.9]
 
 
-def test_what_is_stale_is_counted_and_not_sent() -> None:
+def test_a_stale_message_is_counted_and_not_sent() -> None:
     paced = PacedMessages(InjectionPlan(rate_hz=10.0, max_age_s=0.2))
     paced.offer("old", 1.0)
     assert paced.due(1.3) is None

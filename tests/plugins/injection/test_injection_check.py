@@ -1,6 +1,5 @@
 """Before arming each autopilot is asked whether it will act on what it is told."""
 
-import math
 import typing
 from typing import cast
 
@@ -8,7 +7,7 @@ import pytest
 
 from tests.orchestrator.external.rigs import FakeDriver, FakeParameters, FakeStation
 from wil_campaign.campaigns.setup.case_setup import VehicleSetup
-from wil_campaign.campaigns.values.sensor_setups import RangefinderSetup
+from wil_campaign.campaigns.values.sensor_setups import OtherSetup
 from wil_campaign.orchestrator.model.clock import run_virtual
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.plugins.injection.injection_check import (
@@ -19,16 +18,19 @@ from wil_campaign.plugins.injection.injection_check import (
 )
 from wil_campaign.plugins.injection.injection_setups import Injected, InjectionSetup
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.sensors.lidar import RangefinderOptions
+from wil_campaign.vehicles.sensors.sensor_spec import MountPart
 from wil_campaign.vehicles.setpoints import Setpoints
-from wil_campaign.worlds.frames import AT_ORIGIN, Pose
+from wil_campaign.worlds.frames import AT_ORIGIN
 
-DOWN = Pose.of(0.0, 0.0, 0.0, pitch_rad=-math.pi / 2)
+DOWN = MountPart(pitch_deg=-90.0)
 OBSTACLES = InjectionSetup(thing="obstacle_distance", to=("real", "twin"), sensor="lidar")
 READY = {"PRX1_TYPE": 2.0, "AVOID_ENABLE": 3.0}
 
 
-def vehicle(autopilot: AutopilotName = "ardupilot", mount: Pose = DOWN) -> VehicleSetup:
-    below = RangefinderSetup(name="below", rate_hz=20.0, half_angle_rad=0.0, mount=mount)
+def vehicle(autopilot: AutopilotName = "ardupilot", mount: MountPart = DOWN) -> VehicleSetup:
+    options = RangefinderOptions(rate_hz=20.0, mount=mount)
+    below = OtherSetup(kind="rangefinder", name="below", options=options)
     return VehicleSetup(
         name="real",
         link="embedded",
@@ -51,11 +53,11 @@ def proven(
     return context.driver.parameters
 
 
-def test_what_is_set_up_passes_and_only_what_matters_is_asked() -> None:
+def test_a_vehicle_that_is_set_up_passes_and_is_asked_relevant_parameters_alone() -> None:
     assert proven(READY, OBSTACLES).asked == ["PRX1_TYPE", "PRX_TYPE", "AVOID_ENABLE"]
 
 
-def test_what_would_be_ignored_is_refused_with_all_that_is_to_be_set() -> None:
+def test_an_injection_that_would_be_ignored_is_refused_with_every_remedy() -> None:
     with pytest.raises(UnsupportedInjectionError) as refusal:
         proven({"PRX1_TYPE": 0.0, "AVOID_ENABLE": 1.0}, OBSTACLES)
     said = str(refusal.value)
@@ -78,10 +80,10 @@ def test_a_vehicle_without_injection_is_asked_nothing() -> None:
 
 
 def test_a_rangefinder_is_height_or_proximity_by_where_it_looks() -> None:
-    assert message_name("distance_sensor", DOWN) == "distance_sensor"
+    assert message_name("distance_sensor", DOWN.pose()) == "distance_sensor"
     assert message_name("distance_sensor", AT_ORIGIN) == "distance_sensor_sideways"
     sideways = InjectionSetup(thing="distance_sensor", to=("real",), sensor="below")
-    assert proven(READY, sideways, vehicle(mount=AT_ORIGIN)).asked[0] == "PRX1_TYPE"
+    assert proven(READY, sideways, vehicle(mount=MountPart())).asked[0] == "PRX1_TYPE"
     with pytest.raises(UnsupportedInjectionError, match="RNGFND1_TYPE"):
         proven(READY, sideways)
 
@@ -125,7 +127,7 @@ def test_each_thing_on_each_autopilot_is_refused_until_the_remedy_is_set(
     proven({name: float(value) for name, value in needed.items()}, injection, setup)
 
 
-def test_what_counts_after_a_boot_alone_does_not_count_when_it_was_just_set() -> None:
+def test_a_parameter_that_was_just_set_and_needs_a_boot_does_not_count() -> None:
     context = FakeStation(driver=FakeDriver(parameters=FakeParameters(dict(READY))))
     just_set = {"real": frozenset({"PRX1_TYPE", "AVOID_ENABLE"})}
     proving = prove_injection(
@@ -148,7 +150,7 @@ def test_what_counts_after_a_boot_alone_does_not_count_when_it_was_just_set() ->
         ("BRAKE", "velocity", "in mode BRAKE: simple avoidance is not used"),
     ],
 )
-def test_how_it_is_flown_is_held_against_what_was_proven(
+def test_mode_and_setpoints_in_flight_are_compared_with_the_proof(
     mode: str, steered_by: Setpoints | None, said: str
 ) -> None:
     context = FakeStation(steered_by=steered_by)

@@ -39,6 +39,6 @@ def test_obstacles_for_px4_are_refused_before_anything_is_there(files: Files) ->
         ("{obstacle_distance: {sensor: lidar, to: [real, real]}}", "names a vehicle twice"),
     ],
 )
-def test_injections_that_cannot_be_are_refused(files: Files, inject: str, said: str) -> None:
+def test_impossible_injections_are_refused(files: Files, inject: str, said: str) -> None:
     files.append(f"inject: {inject}\n")
     assert any(said in fault for fault in files.faults())

@@ -79,7 +79,7 @@ def test_a_vehicle_that_is_set_up_honours_all_that_it_can(
 @pytest.mark.parametrize(
     ("autopilot", "parameters"), [("ardupilot", ARDUPILOT_READY), ("px4", PX4_READY)]
 )
-def test_setting_what_is_advised_makes_it_used(
+def test_the_advised_settings_make_an_injection_used(
     autopilot: AutopilotName, parameters: dict[str, float], thing: InjectionKind
 ) -> None:
     setpoints: Setpoints = "position" if thing == "path_planning" else "velocity"

@@ -71,7 +71,7 @@ def names(context: FakeStation) -> list[str]:
     return [message.get_type() for message in context.driver.told]
 
 
-def test_a_scan_goes_out_at_its_rate_and_only_to_whom_it_is_for() -> None:
+def test_a_scan_goes_out_at_its_rate_and_only_to_its_vehicle() -> None:
     async def feed() -> tuple[FakeStation, Injector, Injector]:
         real, twin = FakeStation(), FakeStation("twin")
         one = InjectionSetup(thing="obstacle_distance", to=("real",), sensor="lidar")

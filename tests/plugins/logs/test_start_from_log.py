@@ -167,16 +167,18 @@ def test_the_log_of_a_run_is_flown_again(fly_run: Fly, tmp_path: Path) -> None:
     ("content", "text"),
     [
         (b"", "is empty"),
-        (b"hello, world, this is no log", "is no flight log that is known"),
+        (b"hello, world, this is no log", "is not a known flight log"),
         (b"#ROSBAG V2.0\n", "is a bag of ROS 1; convert it"),
         (b"SQLite format 3\0" + bytes(100), "is a bag of ROS 2 in SQLite; convert it"),
-        (b"ULog\x01\x12\x35\x01" + bytes(8), "tells nothing of a flight"),
-        (b"\xa3\x95\x80" + bytes(200), "has no message that tells of a flight"),
+        (b"ULog\x01\x12\x35\x01" + bytes(8), "contains no flight"),
+        (b"\xa3\x95\x80" + bytes(200), "has no message of a flight"),
         (b"\x89MCAP0\r\n" + bytes(64), "cannot be read as an MCAP file"),
         (bytes(8) + b"\xfd" + bytes(300), "has no message of an autopilot"),
     ],
 )
-def test_what_is_no_log(tmp_path: Path, capsys: Capture, content: bytes, text: str) -> None:
+def test_a_file_that_is_no_log_is_refused(
+    tmp_path: Path, capsys: Capture, content: bytes, text: str
+) -> None:
     path = tmp_path / "log"
     path.write_bytes(content)
     assert main(["init", "again", "--in", str(tmp_path / "x"), "--from", str(path)]) == 2
@@ -205,7 +207,7 @@ def test_damage_in_a_tlog_is_skipped_and_reported(tmp_path: Path) -> None:
     assert len(flight.track) > 125
 
 
-def test_of_several_flights_the_longest_is_flown() -> None:
+def test_the_longest_of_several_flights_is_flown() -> None:
     def flight(begin_s: float, up_s: int) -> list[TrackPoint]:
         ups = [0.0, 0.0, *([2.0] * up_s), 0.0]
         return [TrackPoint(begin_s + k, 1.5 * k, 0.0, up, 0.0) for k, up in enumerate(ups)]

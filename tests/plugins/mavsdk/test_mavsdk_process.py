@@ -85,7 +85,7 @@ async def arrives(peer: Any, kind: str, send: Callable[[], None]) -> None:
     pytest.fail(f"no {kind} arrived")
 
 
-async def test_all_that_is_sent_arrives_as_it_was_meant(
+async def test_each_message_arrives_as_it_was_meant(
     fake_pair: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(mavsdk_client, "_FLYING_SILENT_S", 30.0)
@@ -134,7 +134,7 @@ async def test_a_negative_integer_arrives_bit_by_bit(fake_pair: Callable[..., An
         assert sender == (245, 190)
 
 
-async def test_what_the_vehicle_refuses_is_an_error_in_words(fake_pair: Callable[..., Any]) -> None:
+async def test_a_refusal_of_the_vehicle_is_an_error_in_words(fake_pair: Callable[..., Any]) -> None:
     link, peer = fake_pair("px4")
     peer.replies["COMMAND_LONG:21"] = lambda peer, message: peer.ack(message, 2)
     peer.replies["COMMAND_LONG:512"] = lambda peer, _: peer.say(

@@ -68,7 +68,7 @@ def test_answers_arrive_as_they_were_given(message: FromProcess) -> None:
     assert from_process.decode(from_process.encode(message)) == message
 
 
-def test_an_item_may_hold_what_is_no_number() -> None:
+def test_a_mission_item_may_hold_nan() -> None:
     sent = Upload(1, ItemList.MISSION, (MissionItem(command=16, params=(0.0, 0.0, 0.0, math.nan)),))
     (item,) = to_process.decode(to_process.encode(sent)).items  # type: ignore[union-attr]  # an Upload
     assert math.isnan(item.params[3])
@@ -82,7 +82,7 @@ def test_noise_is_no_message(packet: bytes) -> None:
 
 
 @given(st.binary(max_size=80))
-def test_whatever_comes_is_a_message_or_a_message_error(packet: bytes) -> None:
+def test_any_bytes_are_a_message_or_a_message_error(packet: bytes) -> None:
     try:
         from_process.decode(packet)
     except MessageError:
@@ -113,6 +113,6 @@ def test_fields_keep_large_integers_texts_and_arrays() -> None:
     assert json.loads(fields_json(near))["distances"] == list(range(72))
 
 
-def test_what_is_infinite_is_refused() -> None:
+def test_an_infinite_field_is_refused() -> None:
     with pytest.raises(ValueError, match="JSON"):
         fields_json(command_long(Target(7), 22, math.inf))

@@ -29,7 +29,7 @@ def test_brokers_are_read(text: str, address: BrokerAddress) -> None:
         *("mqtt://broker?x=1", "embedded:-1", "embedded:0", "embedded:x", "mqtt://[::1"),
     ],
 )
-def test_what_is_no_broker_is_refused(text: str) -> None:
+def test_an_address_that_is_no_broker_is_refused(text: str) -> None:
     with pytest.raises(BrokerAddressError):
         parse_broker(text)
 

@@ -86,7 +86,7 @@ def test_a_good_command_is_obeyed(kind: str) -> None:
         (command_bytes(session="20261121T000000Z"), "for another session of the campaign"),
     ],
 )
-def test_what_is_wrong_is_refused_with_the_reason(payload: bytes, why: str) -> None:
+def test_a_wrong_command_is_refused_with_the_reason(payload: bytes, why: str) -> None:
     with pytest.raises(RefusedCommandError) as refused:
         read(payload)
     assert str(refused.value).startswith(why)
@@ -177,13 +177,13 @@ keys = st.sampled_from(["token", "signature", "session", "id", "at", "who", "run
 
 
 @given(st.binary(max_size=200) | st.dictionaries(keys, values).map(json.dumps).map(str.encode))
-def test_nothing_but_a_refusal_comes_of_garbage(payload: bytes) -> None:
+def test_garbage_is_refused_and_nothing_else_happens(payload: bytes) -> None:
     with pytest.raises(RefusedCommandError):
         read(payload)
 
 
 @given(st.dictionaries(keys, values))
-def test_nor_of_garbage_with_the_right_signature(body: dict[str, Any]) -> None:
+def test_garbage_with_the_right_signature_is_refused(body: dict[str, Any]) -> None:
     text = json.dumps({**body, "session": "another"}).encode()
     payload = signed("wil/gate/operator/abort", text, TOKEN.encode())
     with pytest.raises(RefusedCommandError):

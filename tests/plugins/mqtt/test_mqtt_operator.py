@@ -214,7 +214,9 @@ async def test_an_answer_that_is_awaited_is_final_when_another_command_comes(sce
     assert of_hold[-1]["text"].startswith("another command came")
 
 
-async def test_what_is_hostile_is_refused_and_changes_nothing(scene: Scene, tmp_path: Path) -> None:
+async def test_a_hostile_message_is_refused_and_changes_nothing(
+    scene: Scene, tmp_path: Path
+) -> None:
     person = scene.person
     for payload in (b"\xff", b"[]", b"{", b"x" * 200_000, b'{"id": "1"}'):
         await person.say("abort", payload)
@@ -242,7 +244,7 @@ async def test_what_is_hostile_is_refused_and_changes_nothing(scene: Scene, tmp_
     assert "mqtt: abort: wrong signature" in refused
 
 
-async def test_a_retained_command_waits_for_nobody(tmp_path: Path) -> None:
+async def test_a_retained_command_is_refused_at_once(tmp_path: Path) -> None:
     scene = Scene(tmp_path)
     await scene.start_broker()
     async with Person(scene.port, scene.controller) as person:
@@ -272,7 +274,7 @@ async def test_a_flood_is_not_answered_and_a_command_gets_through(
     assert len(log(tmp_path)) < 30 + 11 * took_s
 
 
-async def test_what_happens_is_published_at_once(scene: Scene) -> None:
+async def test_an_event_is_published_at_once(scene: Scene) -> None:
     await scene.person.until("status")
     for follower in (scene.controller,):
         follower.news(Happening("large/wil/1", 9.0, "collision", "collision", "real", "touched"))
@@ -321,7 +323,7 @@ async def test_it_ends_also_when_the_broker_answers_in_that_moment(
     await scene.stop_broker()
 
 
-async def test_what_a_lost_broker_did_not_confirm_is_published_again(
+async def test_a_message_that_a_lost_broker_did_not_confirm_is_published_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = Scene(tmp_path)
@@ -392,7 +394,7 @@ async def test_a_client_that_fails_before_it_is_connected_keeps_nobody_waiting(
 
 
 @pytest.mark.parametrize("policy", ["continue", "hold", "abort"])
-async def test_what_is_done_without_a_broker_is_the_campaign_s_to_say(
+async def test_the_campaign_decides_the_reaction_to_a_lost_broker(
     tmp_path: Path, policy: str
 ) -> None:
     scene = Scene(tmp_path, on_loss=policy, lost_after_s=0.3)

@@ -30,7 +30,7 @@ def test_a_run_s_standing_and_its_vehicles() -> None:
     }
 
 
-def test_what_happens_is_important() -> None:
+def test_events_are_important_publications() -> None:
     def of(kind: str, word: str) -> Publication:
         news = Happening("large/wil/1", 9.0, kind, word, "real", "said")  # type: ignore[arg-type]
         (publication,) = publications(news)
@@ -50,7 +50,7 @@ def publication(topic: str, number: int, *, important: bool = False) -> Publicat
     return Publication(topic, b"%d" % number, important)
 
 
-def test_what_must_arrive_goes_first_and_all_of_it() -> None:
+def test_important_publications_go_first_and_none_is_dropped() -> None:
     async def main() -> list[tuple[str, bytes]]:
         outbox = Outbox()
         outbox.put(publication("run", 1))
@@ -65,7 +65,7 @@ def test_what_must_arrive_goes_first_and_all_of_it() -> None:
     assert run_virtual(main()) == [("verdict", b"2"), ("verdict", b"3"), ("run", b"1")]
 
 
-def test_of_what_only_stands_the_newest_is_given_five_times_a_second() -> None:
+def test_the_newest_state_is_given_five_times_a_second() -> None:
     async def main() -> list[tuple[float, bytes]]:
         loop, outbox = asyncio.get_running_loop(), Outbox()
         taken: list[tuple[float, bytes]] = []

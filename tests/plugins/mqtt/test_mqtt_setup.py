@@ -53,7 +53,7 @@ def test_every_key_is_read(files: Files) -> None:
         ("{lost_after_s: 0}", "greater than 0"),
     ],
 )
-def test_what_is_wrong_is_reported_with_its_place(files: Files, text: str, said: str) -> None:
+def test_a_wrong_mqtt_setup_is_reported_with_its_place(files: Files, text: str, said: str) -> None:
     files.change("seed: 7", f"seed: 7\noperator: {text}")
     (problem,) = files.faults()
     assert said in problem

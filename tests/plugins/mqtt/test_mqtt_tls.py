@@ -116,7 +116,7 @@ UNCLOSED = "ignore:Exception ignored in. <ssl.SSLSocket:pytest.PytestUnraisableE
     ],
 )
 @pytest.mark.filterwarnings(UNCLOSED)
-async def test_what_the_broker_or_we_do_not_trust_is_an_error_at_the_start(
+async def test_missing_trust_on_either_side_is_an_error_at_the_start(
     setup: MqttSetup,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

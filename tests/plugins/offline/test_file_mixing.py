@@ -150,7 +150,7 @@ def test_videos_of_two_rates_are_paired_by_time(
         assert abs(int(image[45, 20 + 2 * k - 8, 2]) - 120) < 30
 
 
-def test_what_is_too_far_in_time_is_left_out_and_reported(
+def test_images_too_far_apart_in_time_are_omitted_and_reported(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     video(here / "real.mp4", 30, 30.0, lambda _: plain((120, 120, 120), WIDTH, HEIGHT))

@@ -85,7 +85,7 @@ def replayed(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, 
     return code, json.loads(told.out)
 
 
-def test_a_run_mixed_anew_is_what_it_was(
+def test_a_run_mixed_anew_equals_its_recording(
     run_of: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = run_of("raw")
@@ -143,7 +143,7 @@ combine:
 """Mixes every second image and every fifth reading of the IMU: the others are offered only."""
 
 
-def test_steps_that_select_by_time_get_also_what_was_not_due_in_a_replay(
+def test_steps_that_select_by_time_also_get_images_not_due_in_a_replay(
     fly_run: Fly,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -197,7 +197,7 @@ def test_images_recorded_as_jpeg_are_replayed_within_what_jpeg_loses(
         (("empty.mcap",), "empty or cut at its beginning; give a --recipe"),
     ],
 )
-def test_what_cannot_be_replayed_is_reported(
+def test_a_recording_that_cannot_be_replayed_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
 ) -> None:
     (tmp_path / "text.mcap").write_text("none\n" * 100)
@@ -242,9 +242,7 @@ def ranges(tmp_path: Path) -> Path:
     return folder
 
 
-def test_what_a_recording_lacks_is_reported(
-    ranges: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_cut_in_a_recording_is_reported(ranges: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, report = replayed(capsys, str(ranges))
     assert (code, report["lacks"]) == (0, "")
     assert report["combinations"][0]["compared"] == 40

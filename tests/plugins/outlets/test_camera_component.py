@@ -96,13 +96,15 @@ def test_it_says_where_the_stream_is(ask: tuple[float, ...]) -> None:
         ((512, 0.0), "HEARTBEAT"),
     ],
 )
-def test_what_a_ground_station_asks_besides_is_answered(ask: tuple[int, float], name: str) -> None:
+def test_further_questions_of_a_ground_station_are_answered(
+    ask: tuple[int, float], name: str
+) -> None:
     ack, answer = answers(component(), command(*ask))
     assert ack.result == mavlink.MAV_RESULT_ACCEPTED
     assert answer.get_type() == name
 
 
-def test_a_stream_that_is_none_is_denied() -> None:
+def test_an_unknown_stream_is_denied() -> None:
     (ack,) = answers(component(), command(2504, 2.0))
     assert ack.result == mavlink.MAV_RESULT_DENIED
     (ack,) = answers(component(), command(512, 269.0, 7.0))
@@ -110,7 +112,9 @@ def test_a_stream_that_is_none_is_denied() -> None:
 
 
 @pytest.mark.parametrize("ask", [(512, 33.0), (400, 1.0), (2000, 0.0), (512, float("nan"))])
-def test_what_it_cannot_is_refused_when_asked_itself_only(ask: tuple[int, float]) -> None:
+def test_it_refuses_an_unsupported_command_only_when_it_is_addressed(
+    ask: tuple[int, float],
+) -> None:
     (ack,) = answers(component(), command(*ask))
     assert (ack.command, ack.result) == (ask[0], mavlink.MAV_RESULT_UNSUPPORTED)
     assert answers(component(), command(*ask, target=0)) == []

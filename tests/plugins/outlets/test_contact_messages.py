@@ -6,7 +6,7 @@ from wil_campaign.plugins.outlets.contact_messages import collision
 from wil_campaign.vehicles.mavlink.codec import Codec
 
 
-def test_a_contact_flag() -> None:
+def test_a_contact_becomes_a_collision_message() -> None:
     sent = collision(
         thing_id=2, threat="high", time_to_closest_s=0.0, horizontal_m=0.0, vertical_m=0.0
     )

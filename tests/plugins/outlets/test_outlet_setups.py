@@ -11,7 +11,7 @@ from wil_campaign.plugins.outlets.outlet_setups import (
 )
 
 
-def test_what_needs_the_wall_clock_is_named_with_its_place() -> None:
+def test_outlets_that_need_the_wall_clock_are_named_with_their_place() -> None:
     outlets = tuple(
         ImageOutlet(kind="rtp", address=f"127.0.0.1:{port}", sensor="camera") for port in (1, 2)
     )
@@ -55,7 +55,7 @@ def test_deliveries_are_read_with_the_one_camera_there_is(files: Files) -> None:
         ("{rtp: '127.0.0.1:5600'}, {rtp: '127.0.0.1:5600'}", "is already used by delivery 1"),
     ],
 )
-def test_deliveries_that_cannot_be_are_refused(files: Files, deliver: str, said: str) -> None:
+def test_impossible_deliveries_are_refused(files: Files, deliver: str, said: str) -> None:
     files.append(f"deliver: [{deliver}]\n")
     assert any(said in fault for fault in files.faults())
 

@@ -198,7 +198,7 @@ async def settled(delivery: ThreadedDelivery, count: int) -> None:
     pytest.fail("the thread does not come on")
 
 
-async def test_a_host_that_is_none_is_reported() -> None:
+async def test_an_unknown_host_is_reported() -> None:
     address = RtpAddress("no.such.host.invalid", 5600)
     with pytest.raises(DeliveryError, match=r"no\.such\.host\.invalid:5600: cannot open"):
         async with rtp_delivery(width_px=64, height_px=48, rate_hz=10.0, address=address):

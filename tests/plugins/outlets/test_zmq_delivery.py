@@ -65,7 +65,7 @@ def test_a_live_picture_has_no_pose_and_may_be_compressed() -> None:
     assert np.array_equal(decode_image(image, "png", (16, 12)), IMAGE)
 
 
-async def test_what_cannot_be_bound_says_so() -> None:
+async def test_an_address_that_cannot_be_bound_and_a_wrong_encoding_are_refused() -> None:
     for address in ("tcp://256.0.0.1:1", "here"):
         with pytest.raises(DeliveryError, match="cannot bind"):
             async with ZmqDelivery(address=address):

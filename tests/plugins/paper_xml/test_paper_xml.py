@@ -182,7 +182,7 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
 
 
 @given(st.one_of(st.binary(max_size=200), st.text(max_size=200).map(str.encode)))
-def test_whatever_is_given_ends_in_a_recipe_or_in_bad_input(content: bytes) -> None:
+def test_random_input_is_bad_input(content: bytes) -> None:
     with pytest.raises(BadInput):
         parse_paper_xml(content, name="r.xml")
 

@@ -88,7 +88,7 @@ async def test_it_ends_on_term_when_the_run_is_over(tmp_path: Path) -> None:
     assert not running.exit.crashed
 
 
-async def test_what_ignores_term_is_killed_with_its_children(tmp_path: Path) -> None:
+async def test_a_program_that_ignores_term_is_killed_with_its_children(tmp_path: Path) -> None:
     code = (
         "import os, signal, time\n"
         "signal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
@@ -141,7 +141,7 @@ async def test_it_ends_also_when_the_run_is_cancelled(tmp_path: Path) -> None:
         ([], "empty"),
     ],
 )
-async def test_what_cannot_be_started_says_so(
+async def test_a_program_that_cannot_be_started_is_an_error_in_words(
     command: list[str], words: str, tmp_path: Path
 ) -> None:
     (tmp_path / "plain.txt").write_text("no program")

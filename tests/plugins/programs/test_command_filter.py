@@ -52,7 +52,7 @@ def test_setpoints_for_another_vehicle_are_not_passed_and_reported() -> None:
     assert gate.trouble == "its setpoints are for system 1, but it flies system 2"
 
 
-def test_what_only_reads_passes_always() -> None:
+def test_a_message_that_only_reads_always_passes() -> None:
     gate = CommandFilter(target=Target(1))
     assert gate.judge(HEARTBEAT) == "pass"
     assert gate.judge(command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148.0)) == "pass"
@@ -73,7 +73,7 @@ def test_what_only_reads_passes_always() -> None:
         mavlink.MAV_CMD_DO_FENCE_ENABLE,
     ],
 )
-def test_what_the_orchestrator_does_never_passes_and_is_answered(number: int) -> None:
+def test_a_command_of_the_orchestrator_never_passes_and_is_answered(number: int) -> None:
     gate = CommandFilter(target=Target(7, 1))
     gate.flying = True
     asked = command(number, 1.0)
@@ -113,7 +113,7 @@ def setpoint_message(type_mask: int) -> Any:
     )
 
 
-def test_what_it_steers_by_is_known_from_what_passed() -> None:
+def test_the_kind_of_setpoint_follows_from_the_messages_that_passed() -> None:
     gate = CommandFilter(target=Target(1))
     gate.judge(setpoint_message(0b110111111000))
     assert gate.steers_by is None  # it was not its turn

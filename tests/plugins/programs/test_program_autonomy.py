@@ -41,6 +41,6 @@ def test_a_program_beside_the_campaign_is_found(files: Files) -> None:
         ("{use: pilot.py:Pilot, program: [python3]}", "has no effect with a program"),
     ],
 )
-def test_programs_that_cannot_be_are_refused(files: Files, text: str, said: str) -> None:
+def test_impossible_programs_are_refused(files: Files, text: str, said: str) -> None:
     program(files, text)
     assert any(said in fault for fault in files.faults())

@@ -69,7 +69,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
     return Session(wil_campaign.read_results(flown), outcomes, done.stdout)
 
 
-def test_a_fail_is_a_failure_and_what_proves_nothing_an_error(session: Session) -> None:
+def test_a_fail_is_a_failure_and_an_unproven_run_an_error(session: Session) -> None:
     assert session.outcomes == {"failed": 1, "passed": 2, "skipped": 1, "error": 1}, session.text
     assert "PASSED hover.yaml::good/sim/1" in session.text
     assert "PASSED hover.yaml::late/sim/1" in session.text
@@ -176,7 +176,7 @@ def test_an_exception_of_this_program_is_an_error_that_no_share_forgives(
         ({"stopped": "signal"}, 130, "*exit code 130: stopped by Ctrl-C or SIGTERM*"),
     ],
 )
-def test_what_ended_a_campaign_outside_of_its_runs_is_an_error_of_its_own(
+def test_the_end_of_a_campaign_outside_of_its_runs_is_an_error_of_its_own(
     inner: pytest.Pytester,
     monkeypatch: pytest.MonkeyPatch,
     session: Session,

@@ -21,7 +21,7 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 IMAGE = "sensor_msgs/msg/Image"
 ODOMETRY = "nav_msgs/msg/Odometry"
 TWIST = "geometry_msgs/msg/TwistStamped"
-DOMAIN = os.environ["ROS_DOMAIN_ID"]
+DOMAIN = os.environ.get("ROS_DOMAIN_ID", "0")
 
 
 def of(name: str, *fields: object) -> Any:
@@ -136,6 +136,28 @@ class GateFlight:
         return twist(stamp, ahead, left, float(np.clip(0.8 * up, -0.3, 0.3)))
 
 
+class PictureFlight:
+    """Flies by images alone: its speed depends on all that it has seen, and on their order."""
+
+    LAST = 50
+
+    def __init__(self, node: Node) -> None:
+        self.publish = node.publisher("/cmd_vel", TWIST)
+        self.answers: list[tuple[int, float]] = []
+        node.subscribe("/camera/image_raw", IMAGE, self.image)
+
+    @property
+    def done(self) -> bool:
+        return len(self.answers) >= self.LAST
+
+    def image(self, message: Any) -> None:
+        before = self.answers[-1][1] if self.answers else 0.2
+        speed = 0.1 + 0.5 * before + float(np.mean(message.data)) / 10_000
+        stamp = message.header.stamp
+        self.answers.append((stamp.sec * 10**9 + stamp.nanosec, speed))
+        self.publish(twist(stamp, speed, 0.0, 0.0))
+
+
 class StraightFlight:
     """Flies ahead from its first odometry on, until it is a metre further north.
 
@@ -177,6 +199,11 @@ def main(behaviour: str) -> int:
         straight = StraightFlight(node, crashes=behaviour == "crash", looks=behaviour == "looks")
         node.spin(lambda: straight.done)
         sys.stdout.write(f"flew to {os.environ['WIL_GOAL']} as {os.environ['WIL_VEHICLE']}\n")
+        return 0
+    if behaviour == "pictures":
+        pictures = PictureFlight(node)
+        node.spin(lambda: pictures.done)
+        sys.stdout.write(json.dumps(pictures.answers) + "\n")
         return 0
     flight = GateFlight(node, answers_images=behaviour == "answers")
     node.spin(lambda: flight.done)

@@ -162,14 +162,14 @@ def test_a_setpoint_without_a_stamp_counts_when_it_comes() -> None:
     assert rig.act(10.05).setpoint == VelocitySetpoint((0.0, 1.0, 0.0))
 
 
-def test_what_came_before_the_goal_flies_nothing() -> None:
+def test_a_setpoint_before_the_goal_flies_nothing() -> None:
     rig = Rig()
     rig.send(10.0, 1.0, 0.0, 0.0)
     assert rig.act(10.0).setpoint == STILL
     assert rig.act(10.05).setpoint == STILL
 
 
-def test_of_a_thousand_a_second_the_newest_flies() -> None:
+def test_the_newest_of_a_thousand_setpoints_a_second_flies() -> None:
     rig = Rig()
     rig.act(10.0)
     for i in range(1000):
@@ -298,7 +298,7 @@ def test_messages_that_the_wire_refuses_are_counted() -> None:
     assert result.trouble == "the wire refused some of them"
 
 
-def test_words_of_a_node() -> None:
+def test_a_node_gives_its_note_abort_and_end() -> None:
     rig, make = Rig(), RosMessages(TYPES)
     for topic, text in (("/wil/note", "search"), ("/wil/abort", "low battery"), ("/wil/done", "")):
         rig.inbox.take(InMessage(topic, TEXT, make.text(text)))

@@ -1,10 +1,17 @@
 """Nodes in processes of their own that fly in virtual time, over zenoh: time waits for them."""
 
+import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, cast
+
+from rosbags.rosbag2 import Reader
 
 from tests.orchestrator.conftest import Fly
 from tests.orchestrator.flights import all_landed, log_of
+from tests.plugins.ros2.plain_node import IMAGE, STORE, Node, PictureFlight
+from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.model.results import RunResult
 
 NODE = Path(__file__).with_name("plain_node.py")
@@ -46,6 +53,39 @@ def test_a_node_flies_the_same_way_twice(fly_run: Fly) -> None:
     first, second = (folder for _, folder in flown)
     for name in ("trajectory.csv", "judged.msgpack"):
         assert (first / name).read_bytes() == (second / name).read_bytes(), name
+
+
+class Played:
+    """In place of a node's wire: the images of a bag, and what is published."""
+
+    def __init__(self) -> None:
+        self.call: Callable[[Any], None] = lambda _: None
+        self.published = 0
+
+    def subscribe(self, _topic: str, _kind: str, call: Callable[[Any], None]) -> None:
+        self.call = call
+
+    def publisher(self, _topic: str, _kind: str) -> Callable[[Any], None]:
+        def publish(_: Any) -> None:
+            self.published += 1
+
+        return publish
+
+
+def test_a_bag_played_back_into_the_same_node_gives_the_same_setpoints(fly_run: Fly) -> None:
+    sets = (node("pictures", "/camera/image_raw"), STRAIGHT, "record={pictures: png}")
+    result, folder = fly_run(mode="sim", sets=sets)
+    assert result.verdict == "PASS", result.reason
+    flown = json.loads((folder / "twin-node.log").read_text("utf-8").splitlines()[-1])
+    assert main(["export", str(folder), "--ros2", str(folder / "bag.mcap"), "--decode"]) == 0
+    played = Played()
+    again = PictureFlight(cast("Node", played))
+    with Reader(folder / "bag.mcap") as bag:
+        for connection, _, data in bag.messages():
+            if connection.topic == "/camera/image_raw" and not again.done:
+                played.call(STORE.deserialize_cdr(data, IMAGE))
+    assert played.published == len(flown) == PictureFlight.LAST
+    assert [list(one) for one in again.answers] == flown
 
 
 def test_a_node_that_breaks_in_flight_fails_the_run_with_its_last_lines(fly_run: Fly) -> None:

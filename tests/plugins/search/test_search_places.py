@@ -93,9 +93,7 @@ def test_a_search_varies_no_key_of_its_bench(
     assert "hover.yaml:" in said
 
 
-def test_an_engine_that_there_is_not_is_exit_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_unknown_engine_is_exit_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     assert main(["search", str(write_search(tmp_path)), "--engine", "rai", "--out", str(out)]) == 2
     assert "must be local, ray or ray://HOST:PORT" in capsys.readouterr().err

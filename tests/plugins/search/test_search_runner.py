@@ -202,7 +202,7 @@ def test_ctrl_c_between_two_batches_is_an_interrupt(tmp_path: Path) -> None:
     assert outcome.exit_code == 130
 
 
-def test_nothing_found_is_0_and_what_proves_nothing_is_3(tmp_path: Path) -> None:
+def test_a_search_without_a_failure_is_exit_0_and_without_proof_exit_3(tmp_path: Path) -> None:
     path = write_search(tmp_path)
     passed = flown(path, MadeUpEngine(verdict=lambda _: "PASS"))
     assert passed.exit_code == 0
@@ -267,7 +267,7 @@ def test_a_rate_is_printed_and_a_failure_that_comes_back_ends_with_3(
     assert said in search_text(load_search(path, Options()), outcome)
 
 
-def test_variants_are_overridden_after_what_the_command_line_sets(tmp_path: Path) -> None:
+def test_variants_are_overridden_after_the_settings_of_the_command_line(tmp_path: Path) -> None:
     search = SEARCH.replace("key: goal.altitude_m", "key: [goal.altitude_m, limits.speed_m_s]")
     path = write_search(tmp_path, search)
     outcome = flown(path, MadeUpEngine(), sets=("goal.altitude_m=1.25", "seed=7"))

@@ -51,7 +51,7 @@ def flown(monkeypatch: pytest.MonkeyPatch) -> list[ProcessSettings]:
         (("--camera", "--world", "WORLD", "--video", "a:70000"), "must be HOST:PORT"),
     ],
 )
-def test_what_is_wrong_is_reported_before_anything_flies(
+def test_a_wrong_argument_is_reported_before_anything_flies(
     flown: list[ProcessSettings],
     capsys: pytest.CaptureFixture[str],
     arguments: tuple[str, ...],
@@ -66,7 +66,9 @@ def test_what_is_wrong_is_reported_before_anything_flies(
     assert not flown
 
 
-def test_what_the_vehicle_is_given(flown: list[ProcessSettings], tmp_path: Path) -> None:
+def test_the_arguments_of_the_command_reach_the_vehicle(
+    flown: list[ProcessSettings], tmp_path: Path
+) -> None:
     world = tmp_path / "world.yaml"
     world.write_text(WORLD)
     assert (

@@ -86,7 +86,7 @@ def test_many_flights_are_tested_at_forty_times_their_number(passed: int, needed
     assert bool(found) == bool(needed)
 
 
-def test_what_is_open_says_how_many_flights_would_decide_it(tmp_path: Path) -> None:
+def test_an_open_question_says_how_many_flights_would_decide_it(tmp_path: Path) -> None:
     wide = (0.0, 0.3, -0.3, 0.15, -0.1)
     found = conclusions_of(tmp_path / "a", campaign(0.3, spread=wide))
     assert "it is undecided whether WIL is nearer" in texts(found, "not shown")

@@ -60,7 +60,7 @@ def test_the_papers_table_holds_pooled_and_not_per_case() -> None:
     assert agreement == {"sim": (2, 5), "wil": (5, 5)}
 
 
-def test_what_proves_nothing_leaves_the_denominator() -> None:
+def test_a_flight_that_proves_nothing_leaves_the_denominator() -> None:
     rates = pass_rates([one.result() for one in flights("a", "wil", "PIPF", (0.0, 0.1, 0.2, 0.3))])
     (rate,) = rates.rates
     assert (rate.passed, rate.flown, rate.unproven) == (2, 3, 1)

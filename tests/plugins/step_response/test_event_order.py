@@ -62,7 +62,7 @@ def test_another_order_is_seen(place: int, moved: Occurrence, names: set[str]) -
     assert set(beyond(events)) == names
 
 
-def test_what_never_happened_is_missing() -> None:
+def test_an_event_that_never_happened_is_missing() -> None:
     row = beyond(AS_FLOWN[:3])["arming"]
     assert (row.firmware, row.flown) == (("acknowledged", "armed"), ())
 

@@ -42,7 +42,7 @@ def terminate(_: EmbeddedVehicle, link: Link) -> None:
         (terminate, "ardupilot: the vehicle disarmed in 'speed 0.4'"),
     ],
 )
-def test_what_ends_a_flight_early_is_named(disturb: Disturb, said: str) -> None:
+def test_the_cause_of_an_early_end_is_named(disturb: Disturb, said: str) -> None:
     begun: list[str] = []
 
     async def scenario() -> None:

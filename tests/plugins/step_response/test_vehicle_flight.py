@@ -80,14 +80,14 @@ DIFFERENT = Flown(
         (FLY[:-1], "it may be hardware, and is armed only with --arm-real"),
     ],
 )
-def test_what_is_refused_without_touching_anything(
+def test_wrong_arguments_are_refused_before_any_contact(
     arguments: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(arguments) == 2
     assert said in capsys.readouterr().err
 
 
-def test_without_fly_the_vehicle_is_identified_alone(
+def test_the_vehicle_is_only_identified_without_fly(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(vehicle_check, "find_vehicle", lambda _: SITL)
@@ -124,7 +124,7 @@ def flown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Any]:
     return given
 
 
-def test_the_table_says_what_is_in_and_what_is_out(
+def test_the_table_marks_figures_within_and_beyond_the_limit(
     flown: list[Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     flown[:] = [ALIKE]

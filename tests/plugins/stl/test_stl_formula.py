@@ -91,7 +91,7 @@ def span(interval: Interval) -> str:
         ("((a > 1))", "(a > 1)"),
     ],
 )
-def test_what_a_text_means(text: str, meant: str) -> None:
+def test_a_formula_may_be_written_in_several_ways(text: str, meant: str) -> None:
     formula = parse_stl(text)
     assert shape(formula) == meant
     assert shape(parse_stl(meant)) == meant
@@ -163,7 +163,7 @@ def test_a_mistake_is_reported_with_its_place(marked: str, said: str) -> None:
         ("alwas (speed_m_s < 3)", "always"),
     ],
 )
-def test_what_was_probably_meant(text: str, meant: str) -> None:
+def test_a_misspelt_formula_gets_a_suggestion(text: str, meant: str) -> None:
     with pytest.raises(StlError) as caught:
         checked(text)
     assert caught.value.suggestion == meant
@@ -178,7 +178,7 @@ def test_what_was_probably_meant(text: str, meant: str) -> None:
         "armed implies not on_ground",
     ],
 )
-def test_units_that_fit(text: str) -> None:
+def test_a_formula_with_units_that_fit_is_accepted(text: str) -> None:
     checked(text)
 
 
@@ -186,12 +186,12 @@ def test_units_that_fit(text: str) -> None:
     "text",
     ["(" * 200 + "a", "-" * 200 + "a > 1", "not " * 200 + "a", "a+" * 400 + "a > 1", "a" * 2000],
 )
-def test_what_no_person_wrote_is_refused_quickly(text: str) -> None:
+def test_an_oversized_formula_is_refused(text: str) -> None:
     with pytest.raises(StlError, match=r"deep|more than|longer"):
         parse_stl(text)
 
 
-def test_as_deep_as_may_be_is_a_formula() -> None:
+def test_a_formula_of_the_greatest_depth_is_accepted() -> None:
     inner = "(" * DEEPEST + "a" + ")" * DEEPEST
     assert shape(parse_stl(inner)) == "a"
     with pytest.raises(StlError, match=f"nested more than {DEEPEST} deep"):

@@ -1,6 +1,7 @@
 """The oracle of STL formulas: its signals, its margin, its window, and failing fast."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -10,7 +11,13 @@ from wil_campaign.plugins.stl.stl_oracle import Stl
 from wil_campaign.plugins.stl.stl_signals import signal_docs, signals_of
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.model.oracle_results import Flag, OracleResult
-from wil_campaign.safety.model.samples import FenceSample, LinkSample, PoseSample, StateSample
+from wil_campaign.safety.model.samples import (
+    FenceSample,
+    LinkSample,
+    PoseSample,
+    ReferenceSample,
+    StateSample,
+)
 from wil_campaign.safety.model.verdict import DecisiveEvent, decide
 from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError
 from wil_campaign.safety.oracles.oracle_terms import Stages
@@ -73,6 +80,42 @@ def test_the_margin_of_a_fence_follows_the_fence_of_the_own_vehicle_alone() -> N
     assert judge.result(9.0).margin == 0.125
 
 
+def compared(judge: Oracle, source: str, north_m: float, yaw_rad: float = 0.0) -> None:
+    """Flies north at 1 m/s, and tells another source's pose of 0.1 s before."""
+    judge.on_pose(pose(4.0, (1.0, 0, -1), velocity=(1.0, 0, 0)))
+    q = Pose.of(0, 0, 0, yaw_rad=yaw_rad).q_wxyz
+    judge.on_reference(ReferenceSample(3.9, "real", source, (north_m, 0, -1), (0.5, 0, 0), q))
+    judge.on_reference(ReferenceSample(3.9, "twin", source, (99, 0, -1), (9, 0, 0), q))
+    judge.on_pose(pose(4.1, (1.1, 0, -1), velocity=(1.0, 0, 0)))
+
+
+@pytest.mark.parametrize(
+    ("judged_by", "source", "has_value"),
+    [
+        ("mocap", "mavlink", True),
+        ("simulator", "mavlink", True),
+        ("mavlink", "truth", True),
+        ("mavlink", "simulator", True),
+        ("mavlink", "mocap", False),
+        ("mocap", "truth", False),
+    ],
+)
+def test_the_error_of_the_estimate(judged_by: str, source: str, has_value: bool) -> None:
+    context = replace(CONTEXT, pose_source=judged_by)
+    for text, actual in (
+        ("eventually (estimate_error_m > 0.3)", 0.4),
+        ("eventually (estimate_speed_error_m_s > 0.3)", 0.5),
+        ("eventually (estimate_heading_error_deg > 5)", 10.0),
+    ):
+        judge = stl(text, context=context)
+        stage(judge, takeoff=1.0, at_height=2.0, goal=3.9)
+        compared(judge, source, 0.5, math.radians(-10.0))
+        result = judge.result(9.0)
+        assert result.verdict == ("PASS" if has_value else "INVALID")
+        if has_value:
+            assert result.actual == pytest.approx(actual)
+
+
 def test_times_count_from_the_stage_that_opens_the_window() -> None:
     judge = stl("eventually[0,2] (up_m >= 1)")
     heights(judge, 0.0, start_s=2.5)
@@ -84,7 +127,7 @@ def test_times_count_from_the_stage_that_opens_the_window() -> None:
 
 
 @pytest.mark.parametrize(("text", "verdict"), [("up_m >= 1", "PASS"), ("up_m > 1", "FAIL")])
-def test_exactly_at_the_limit(text: str, verdict: str) -> None:
+def test_a_strict_comparison_fails_exactly_at_the_limit(text: str, verdict: str) -> None:
     judge = stl(f"always ({text})")
     stage(judge, goal=3.0)
     heights(judge, 1.0)
@@ -149,7 +192,7 @@ def values(name: str, *samples: object) -> list[float]:
     return [value for value in found if not math.isnan(value)]
 
 
-def test_values_of_signals() -> None:
+def test_signals_have_the_values_of_the_pose() -> None:
     leaning = PoseSample(1.0, "real", Pose((1, 2, -3), (0.5**0.5, 0.5**0.5, 0, 0)), (3, 4, -12))
     expected = {
         "north_m": 1, "east_m": 2, "up_m": 3, "speed_m_s": 13, "ground_speed_m_s": 5,
@@ -163,7 +206,7 @@ def test_values_of_signals() -> None:
     assert 1.5 < gate_m < 3.0
 
 
-def test_values_of_what_the_vehicle_says() -> None:
+def test_signals_have_the_values_that_the_vehicle_reports() -> None:
     unknown = StateSample(1.0, "real", True, Mode.GUIDED)
     known = StateSample(2.0, "real", False, Mode.HOLD, "", True, "x", 0.25, 11.5, "no height")
     other = StateSample(3.0, "twin", True, Mode.GUIDED, "", False, None, 1.0, 12.0)
@@ -239,7 +282,7 @@ def test_a_charge_that_is_unknown_after_it_was_known_cannot_be_judged() -> None:
     assert result.detail == "battery_percent has no value at 3.000 s"
 
 
-def test_what_comes_late_hides_nothing_of_what_came_before() -> None:
+def test_a_signal_that_begins_late_hides_no_earlier_violation() -> None:
     """Ten seconds at 9 m were dropped, because the battery was first received after them."""
     judge = stl("always (up_m <= 2 and battery_v > 10)")
     stage(judge, goal=0.0)
@@ -278,7 +321,7 @@ def test_a_first_value_counts_from_the_opening_on_if_it_is_not_late(
         ("(up_m > 0) until[60,90] (up_m <= 2)", "up_m <= 2 is needed from 63.000 s"),
     ],
 )
-def test_what_a_formula_needs_only_after_its_window_cannot_be_judged(
+def test_a_formula_that_needs_samples_after_its_window_cannot_be_judged(
     text: str, detail: str
 ) -> None:
     judge = stl(text)
@@ -300,7 +343,7 @@ def test_a_window_that_never_opens_cannot_be_judged() -> None:
 
 
 @pytest.mark.parametrize("formula", ["{} >= 0", "not ({} >= 0)", "{} < 0"])
-def test_what_is_divided_by_nothing_cannot_be_judged(formula: str) -> None:
+def test_a_division_by_zero_cannot_be_judged(formula: str) -> None:
     judge = stl(f"always ({formula.format('(up_m - up_m) / (up_m - up_m)')})")
     stage(judge, goal=3.0)
     heights(judge, 1.0)
@@ -420,7 +463,7 @@ def test_a_failure_has_the_time_at_which_it_became_one(text: str, at_s: float | 
     assert (result.verdict, result.at_s) == ("FAIL", at_s)
 
 
-def test_a_signal_that_ends_comes_before_what_only_the_end_can_fail() -> None:
+def test_a_signal_that_ends_comes_before_a_failure_known_only_at_the_end() -> None:
     """Else positions that stop would be blamed on what they did not show."""
     result = fly(stl("eventually (up_m >= 5)"), (2.0, 0.0), (3.0, 0.0))
     silent = DecisiveEvent(8.0, "INVALID", "no sample since 4 s", "evidence/pose/real")

@@ -74,7 +74,7 @@ def test_a_formula_holds_or_its_negation_does(text: str, table: list[tuple[float
 
 @settings(max_examples=300, deadline=None)
 @given(formulas(*ALL), rows, st.floats(0.0, 4.0))
-def test_what_cannot_hold_any_more_does_not_hold_in_the_end(
+def test_the_best_that_may_come_is_never_below_the_final_value(
     text: str, table: list[tuple[float, float]], more_s: float
 ) -> None:
     """The best that may come is never worse than what came; known to the end, both are one."""
@@ -91,7 +91,9 @@ def test_what_cannot_hold_any_more_does_not_hold_in_the_end(
 
 @settings(max_examples=100, deadline=None)
 @given(rows, st.sampled_from(["[0,0.5]", "[0.5,1]", "[0,30]", ""]))
-def test_what_decides_has_the_value(table: list[tuple[float, float]], bounds: str) -> None:
+def test_the_comparison_that_decides_has_the_value(
+    table: list[tuple[float, float]], bounds: str
+) -> None:
     trace = columns(table)
     found = evaluated(f"always{bounds} (a >= 1 and not (b > 0.5))", trace)
     assert found.decided_by is not None
@@ -130,7 +132,7 @@ def test_units_that_meet_count_as_shares_of_their_limits() -> None:
     assert (written(mixed.decided_by.atom), mixed.value) == ("b <= 8", 0.375)
 
 
-def test_what_is_true_or_false_has_no_distance() -> None:
+def test_a_comparison_of_true_and_false_has_no_distance() -> None:
     trace = {"a": [1.0, 1.0, 0.0], "b": [1.5, 1.75, 9.0]}
     assert evaluated("always (a implies b <= 2)", trace).value == 0.25
     found = evaluated("eventually not a", trace)
@@ -152,7 +154,7 @@ def test_what_is_true_or_false_has_no_distance() -> None:
         ("a < 1 implies a > 1", True),
     ],
 )
-def test_exactly_at_the_limit(text: str, holds: bool) -> None:
+def test_strict_and_loose_comparisons_differ_exactly_at_the_limit(text: str, holds: bool) -> None:
     found = robust(text, [1.0, 1.0, 1.0])
     assert (found.value, found.holds) == (0.0, holds)
 
@@ -193,13 +195,15 @@ def test_bounds_meet_samples_to_the_nanosecond() -> None:
         ("eventually historically[0,5] (a >= 1)", [0.5, 0.5], False),
     ],
 )
-def test_whether_a_formula_can_hold_still(text: str, values: list[float], lost: bool) -> None:
+def test_a_formula_is_lost_once_it_cannot_hold_any_more(
+    text: str, values: list[float], lost: bool
+) -> None:
     assert (best(text, {"a": values}, times(len(values))[-1] + 0.1) < 0.0) is lost
 
 
 @pytest.mark.parametrize("text", ["a / (a - a) >= 1", "0 / (a - a) >= 1", "1e300 * a * 1e300 > 1"])
 @pytest.mark.parametrize("whole", ["{}", "not ({})", "always ({})", "a > 0 or {}"])
-def test_what_is_not_finite_cannot_be_judged(text: str, whole: str) -> None:
+def test_a_value_that_is_not_finite_cannot_be_judged(text: str, whole: str) -> None:
     """It passed with a margin of 1e12, and so did its negation's equal."""
     monitor = StlMonitor(parse_stl(whole.format(text)))
     for find in (monitor.robustness, monitor.at_best):

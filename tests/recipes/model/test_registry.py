@@ -4,7 +4,7 @@ import pytest
 
 from wil_campaign.recipes.language.step_docs import describe_step
 from wil_campaign.recipes.model.registry import STAGES, steps
-from wil_campaign.vehicles.readings import SENSOR_TYPES
+from wil_campaign.vehicles.readings import sensor_names
 
 
 def test_the_listing_is_ordered_and_says_what_each_step_does() -> None:
@@ -13,11 +13,11 @@ def test_the_listing_is_ordered_and_says_what_each_step_does() -> None:
     assert len(set(places)) == len(places)
     for kind in steps():
         assert kind.summary.endswith("."), kind.name
-        assert set(kind.sensors) <= set(SENSOR_TYPES), kind.name
+        assert set(kind.sensors) <= set(sensor_names()), kind.name
         assert set(kind.gives) <= set(kind.sensors)
 
 
-@pytest.mark.parametrize("sensor", SENSOR_TYPES)
+@pytest.mark.parametrize("sensor", sensor_names())
 def test_every_sensor_can_be_transformed_filtered_and_merged(sensor: str) -> None:
     for stage in STAGES:
         assert any(kind.stage == stage and sensor in kind.sensors for kind in steps())
@@ -28,7 +28,8 @@ def test_every_step_is_described_with_its_parameters() -> None:
     resize = docs["resize", "transform"]
     assert resize.sensors == ("camera", "depth")
     assert "(h, w, 3) uint8" in resize.details
-    on, to = resize.parameters
+    on, to, aspect = resize.parameters
+    assert (aspect.takes, aspect.default) == ("fit | crop | pad", "fit")
     assert (on.name, on.takes, on.default, on.needed) == (
         "on",
         "real | twin | both",

@@ -47,7 +47,7 @@ def test_a_tone_passes_within_the_band_and_not_outside(hz: float) -> None:
         assert level < 0.003
 
 
-def test_the_time_of_what_passes_is_that_at_which_it_sounded() -> None:
+def test_a_filtered_tone_keeps_the_time_at_which_it_sounded() -> None:
     samples = np.zeros(4000)
     samples[2000:2400] = tone(1000.0, 0.05)
     made = through(build("band_pass", low_hz=800.0, high_hz=1200.0, taps=201), blocks(samples, 500))

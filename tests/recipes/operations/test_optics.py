@@ -67,7 +67,7 @@ def test_a_point_is_seen_where_the_new_camera_sees_it(
         assert work.reading.intrinsics == new
 
 
-def test_what_the_old_camera_did_not_see_is_not_kept() -> None:
+def test_pixels_that_the_old_camera_did_not_see_are_not_kept() -> None:
     narrow = Intrinsics.from_fov(100, 80, 0.6)
     made = remapped(Masked(camera(plain(width=100, height=80), intrinsics=narrow)), WIDE)
     assert made.mask is not None

@@ -96,7 +96,7 @@ def test_each_property_can_be_left_out() -> None:
     assert np.ptp(ratio) > 0.2
 
 
-def test_what_is_known_of_a_camera_is_not_measured() -> None:
+def test_stated_gains_of_a_camera_are_not_measured() -> None:
     step = build("match_photometry", gains_bgr=[0.5, 0.5, 0.5], noise=False, blur=False)
     made = step(Masked(reading(hall())), Masked(reading(hall(), "real"))).reading.image_bgr
     assert np.abs(made - hall() / 2.0).max() <= 1.0
@@ -133,7 +133,7 @@ def test_a_correction_does_not_flicker() -> None:
     assert levels[0] > 0.93 * hall().mean()
 
 
-def test_without_the_other_side_there_is_nothing_to_match() -> None:
+def test_nothing_is_matched_without_the_other_side() -> None:
     with pytest.raises(CannotMixError):
         build("match_photometry")(Masked(reading(hall())), None)
     with pytest.raises(ValueError, match="on"):

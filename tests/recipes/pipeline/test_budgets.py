@@ -14,7 +14,7 @@ BUDGET = Budget(0.06, 0.2, 10.0, 2.0)
 GOOD = Provenance(1, 1.0, 2, 1.06, 60.0, 200.0, registration_error_px=2.0)
 
 
-def test_at_the_limits_all_is_well() -> None:
+def test_readings_at_the_limits_are_no_breach() -> None:
     assert breach_of(BUDGET, GOOD) is None
     assert breach_of(Budget(0.06), GOOD) is None
 

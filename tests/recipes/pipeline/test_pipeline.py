@@ -119,7 +119,7 @@ def test_without_a_twin_the_real_picture_passes_and_is_counted() -> None:
     assert one.counts().dropped == (("no_twin", 1),)
 
 
-def test_without_a_real_picture_nothing_is_shown() -> None:
+def test_nothing_is_shown_without_a_real_picture() -> None:
     one = mixer()
     mixed: Mixed[CameraReading] = one.mix(None, twin(), now_s=1.1)
     assert mixed.reading is None
@@ -173,7 +173,7 @@ def test_a_filter_may_work_on_the_real_side() -> None:
     assert (mixed.image_bgr[20:] == BLUE_BGR).all()
 
 
-def test_what_is_returned_does_not_change_with_the_next_frame() -> None:
+def test_a_returned_mixture_does_not_change_with_the_next_frame() -> None:
     one = mixer()
     first = one.mix(real(), twin(), now_s=1.1).reading
     assert first is not None

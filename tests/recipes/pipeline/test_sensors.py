@@ -93,7 +93,7 @@ def test_every_sensor_is_delayed_and_held(sensor: str) -> None:
     assert mixed.provenance.twin_t_s == pytest.approx(1.04)
 
 
-def test_a_choice_by_time_stands_before_what_changes_readings() -> None:
+def test_a_choice_by_time_stands_before_steps_that_change_readings() -> None:
     said = refusal("lidar", "transform: [{resample_beams: real}, {delay: 100}], merge: overlay")
     assert (
         "'delay' selects among the received readings: it must come before 'resample_beams'" in said
@@ -263,7 +263,7 @@ def test_types_are_followed_through_the_steps() -> None:
     assert "which has no pixels" in refusal("imu", "merge: overlay, max_registration_error_px: 2")
 
 
-def test_what_is_asked_of_each_source() -> None:
+def test_each_source_is_asked_for_the_depth_that_the_recipe_needs() -> None:
     by_depth = mixer("camera", "merge: {overlay: {occlusion: by_depth}}")
     assert by_depth.needs == by_depth.real_needs == {"depth"}
     near = mixer("camera", "filter: [{isolate_depth: {max_m: 4, on: real}}], merge: overlay")

@@ -262,7 +262,7 @@ def test_a_step_may_refuse_a_frame(tmp_path: Path) -> None:
         ("bad_mask", r"returned a mask of \(3,\), not \(48, 64\)"),
     ],
 )
-def test_a_result_that_is_none_is_an_error_and_no_wrong_picture(
+def test_a_wrong_result_is_an_error_and_no_wrong_picture(
     tmp_path: Path, name: str, said: str
 ) -> None:
     with pytest.raises(StepError, match=said):
@@ -283,7 +283,9 @@ def test_a_result_that_is_none_is_an_error_and_no_wrong_picture(
         ("{use: 'bad.py:f'}", "line 2: ZeroDivisionError"),
     ],
 )
-def test_what_cannot_be_used_is_reported_at_load(tmp_path: Path, step: str, said: str) -> None:
+def test_a_step_that_cannot_be_used_is_reported_at_load(
+    tmp_path: Path, step: str, said: str
+) -> None:
     (tmp_path / "bad.py").write_text("x = 1\n1 / 0\n")
     with pytest.raises(BadInput) as caught:
         load_recipe_file(written(tmp_path, f"transform: [{step}]"))

@@ -70,7 +70,7 @@ def test_red_wraps_around_the_circle_of_hues() -> None:
     assert mask[0, 1]
 
 
-def test_ranges_of_ones_own_add_to_a_named_colour() -> None:
+def test_own_ranges_add_to_a_named_colour() -> None:
     image = picture((128, 128, 128))
     image[0, 0], image[0, 1] = ORANGE_BGR, (255, 0, 0)
     mine = [{"hue_deg": [235.0, 245.0], "saturation": [0.5, 1.0]}]
@@ -173,6 +173,44 @@ def test_depth_ids_and_mask_take_the_nearest_pixel() -> None:
     assert inside.sum() == 10 * 24
     assert np.array_equal(work.mask == 255, inside)
     assert np.array_equal(np.isinf(work.reading.depth_m), ~inside)
+
+
+@pytest.mark.parametrize("aspect", ["crop", "pad", "fit"])
+@pytest.mark.parametrize("size", [(96, 48), (48, 48), (31, 77), (64, 48)])
+def test_a_point_keeps_its_ray_at_a_size_of_another_ratio(
+    aspect: str, size: tuple[int, int]
+) -> None:
+    """The spot is where the new intrinsics see it, whatever is cut off or added."""
+    wide, high = size
+    image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    image[18:26, 28:38] = 255
+    ids = np.where(image[:, :, 0] > 0, 7, 0).astype(np.uint8)
+    depth_m = np.full((HEIGHT, WIDTH), 4.0, np.float32)
+    work = Masked(reading(image, object_ids=ids, depth_m=depth_m))
+    target = {"width_px": wide, "height_px": high}
+    done = build("resize", to=target, aspect=aspect)(work, None)
+    made = done.reading
+    new, old = made.intrinsics, work.reading.intrinsics
+    assert made.image_bgr.shape == (high, wide, 3)
+    assert made.object_ids.shape == made.depth_m.shape == (high, wide)
+    found, before = moments_px(made.image_bgr), moments_px(image)
+    for at, was, name in ((0, 0, "x"), (1, 1, "y")):
+        focal = {"x": (new.fx_px, old.fx_px), "y": (new.fy_px, old.fy_px)}[name]
+        middle = {"x": (new.cx_px, old.cx_px), "y": (new.cy_px, old.cy_px)}[name]
+        ray = (found[at] - middle[0]) / focal[0], (before[was] - middle[1]) / focal[1]
+        assert ray[0] == pytest.approx(ray[1], abs=0.6 / focal[0])
+    if aspect != "fit":
+        assert new.fx_px / old.fx_px == pytest.approx(new.fy_px / old.fy_px, rel=0.03)
+    if aspect == "pad" and wide * HEIGHT != high * WIDTH:
+        assert (made.depth_m[done.mask == 0] == np.inf).all()
+        assert done.mask[0, 0] == 0 != done.mask[high // 2, wide // 2]
+    else:
+        assert done.mask is None
+
+
+def moments_px(image: Any) -> tuple[float, float]:
+    found = cv2.moments(image[:, :, 0])
+    return found["m10"] / found["m00"], found["m01"] / found["m00"]
 
 
 def test_resize_takes_the_size_of_the_other_side_and_leaves_an_equal_one() -> None:

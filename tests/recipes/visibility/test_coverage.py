@@ -28,7 +28,7 @@ def flown(frames: list[FrameVisibility]) -> tuple[Coverage, VisibilityFault | No
     return coverage, next((fault for fault in faults if fault is not None), None)
 
 
-def test_what_is_shown_in_its_place_is_no_fault() -> None:
+def test_an_object_shown_in_its_place_is_no_fault() -> None:
     coverage, fault = flown([seen(k / 5) for k in range(50)])
     assert fault is None
     assert coverage.never_shown() is None
@@ -37,14 +37,14 @@ def test_what_is_shown_in_its_place_is_no_fault() -> None:
     assert (gate.in_view, gate.shown, list(gate.offsets)) == (50, 50, [2.0] * 50)
 
 
-def test_what_is_in_view_for_two_seconds_and_never_shown_is_a_fault_at_once() -> None:
+def test_an_object_in_view_for_two_seconds_and_never_shown_is_a_fault_at_once() -> None:
     _, fault = flown([seen(3.0 + k / 5, shown=False) for k in range(50)])
     assert fault == VisibilityFault(
         3.0, "the mixture never showed gate: it was in view in 11 measured frames, 0 showed it"
     )
 
 
-def test_what_is_never_shown_is_a_fault_at_the_end_of_a_short_flight() -> None:
+def test_an_object_never_shown_is_a_fault_at_the_end_of_a_short_flight() -> None:
     coverage, fault = flown([seen(k / 5, shown=False) for k in range(6)])
     assert fault is None
     never = coverage.never_shown()
@@ -52,7 +52,7 @@ def test_what_is_never_shown_is_a_fault_at_the_end_of_a_short_flight() -> None:
     assert never.text.startswith("the mixture never showed gate")
 
 
-def test_what_was_never_in_view_need_not_be_shown() -> None:
+def test_an_object_that_was_never_in_view_need_not_be_shown() -> None:
     coverage, fault = flown([seen(k / 5, in_view=False) for k in range(50)])
     assert fault is None
     assert coverage.never_shown() is None
@@ -64,7 +64,7 @@ def test_what_was_never_in_view_need_not_be_shown() -> None:
     [(4, 5, True), (4, 4, True), (2, 30, True), (1, 1, True), (1, 30, False)],
     ids=["1 Hz", "a goal of 0.7 s", "two frames", "the only frame", "one of many"],
 )
-def test_what_is_never_shown_is_a_fault_however_few_frames_there_are(
+def test_an_object_never_shown_is_a_fault_also_in_few_frames(
     in_view: int, frames: int, is_fault: bool
 ) -> None:
     """One frame of many may be at the edge of the picture; two, or the only one, are not."""
@@ -86,7 +86,7 @@ def test_a_share_of_few_frames_is_no_fault(shown: int) -> None:
 
 
 @pytest.mark.parametrize(("shown", "is_fault"), [(4, True), (24, True), (25, False)])
-def test_what_is_hardly_shown_is_a_fault_at_the_end(shown: int, is_fault: bool) -> None:
+def test_an_object_hardly_shown_is_a_fault_at_the_end(shown: int, is_fault: bool) -> None:
     coverage, fault = flown([seen(k / 5, shown=k < shown) for k in range(50)])
     assert fault is None
     found = uncovered([coverage])
@@ -146,7 +146,7 @@ def test_something_virtual_where_nothing_is_due_is_a_fault() -> None:
     assert "5.0 % of the reading" in fault.text
 
 
-def test_what_cannot_be_measured_is_reported_and_not_counted() -> None:
+def test_a_frame_that_cannot_be_measured_is_reported_and_not_counted() -> None:
     coverage, fault = flown([FrameVisibility(1.0, not_measured="no reference pose")] * 20)
     assert fault is None
     assert (coverage.frames, coverage.why_not_measured()) == (0, "no reference pose")
@@ -170,6 +170,6 @@ def test_one_mixture_elsewhere_now_and_then_is_no_fault() -> None:
     assert fault is None
 
 
-def test_what_was_elsewhere_and_stays_missed_is_measured_at_the_usual_pace_again() -> None:
+def test_a_displaced_object_that_stays_missed_is_measured_at_the_usual_pace() -> None:
     frames = [seen(0.0), seen(0.2, offset=80.0), seen(0.3, shown=False), seen(0.4, shown=False)]
     assert [flown(frames[: k + 1])[0].is_suspect() for k in range(4)] == [False, True, True, False]

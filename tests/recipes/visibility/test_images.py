@@ -149,7 +149,7 @@ def test_a_limit_of_the_recipe_counts_to_the_resolution_of_the_comparison(scene:
     assert not gate_of(scene.compare(scene.overlaid(ring()), limit_px=0.1)).is_displaced
 
 
-def test_what_is_drawn_where_nothing_is_due_is_reported() -> None:
+def test_an_object_drawn_where_none_is_due_is_reported() -> None:
     empty = Scene(room(0), np.zeros((HEIGHT, WIDTH), np.bool_))
     frame = empty.compare(empty.overlaid(ring(half=6.0, bar=2.0)))
     assert frame.is_unexpected
@@ -161,7 +161,7 @@ def test_what_is_drawn_where_nothing_is_due_is_reported() -> None:
     assert not empty.compare(empty.real.copy()).is_unexpected
 
 
-def test_what_something_physical_may_hide_does_not_count(scene: Scene) -> None:
+def test_pixels_that_a_physical_object_may_hide_do_not_count(scene: Scene) -> None:
     hidden = np.zeros((HEIGHT, WIDTH), np.bool_)
     hidden[:, 85:] = True
     gate = gate_of(scene.compare(scene.overlaid(ring() & ~hidden), unknown=hidden))
@@ -187,7 +187,7 @@ def test_a_recipe_that_changes_everything_is_searched_for_the_gate(
 
 @pytest.mark.parametrize(("share", "is_shown"), [(0.5, True), (0.25, True), (0.1, False)])
 @pytest.mark.parametrize("whole", [True, False], ids=["whole picture", "isolated"])
-def test_a_gate_that_nobody_sees_is_not_shown(
+def test_a_gate_of_too_little_contrast_is_not_shown(
     scene: Scene, share: float, is_shown: bool, whole: bool
 ) -> None:
     """A weighted merge shows its weight of the contrast."""
@@ -221,7 +221,7 @@ def test_an_object_before_a_wall_of_its_colour_is_shown() -> None:
     assert gate_of(here.compare(here.overlaid(ring()))).is_shown
 
 
-def test_what_lies_in_the_edge_of_the_picture_need_not_be_shown() -> None:
+def test_an_object_in_the_edge_of_the_picture_need_not_be_shown() -> None:
     """It is as wide as what the default limit lets objects be beside their place."""
     edge = np.zeros((HEIGHT, WIDTH), np.bool_)
     edge[30:90, :3] = True
@@ -386,8 +386,6 @@ def test_an_object_before_one_that_is_not_shown_is_not_displaced(*, wall: bool) 
 
 
 @pytest.mark.parametrize("wall", [True, False])
-def test_an_object_beside_its_place_is_displaced_before_what_is_not_shown_too(
-    *, wall: bool
-) -> None:
+def test_an_object_beside_its_place_is_displaced_also_before_a_hidden_one(*, wall: bool) -> None:
     ball, _ = ball_before_a_wall(wall=wall, away=10).objects
     assert ball.is_displaced

@@ -80,12 +80,12 @@ def test_a_wall_in_other_beams_is_not_shown_in_its_own() -> None:
     assert frame.elsewhere == pytest.approx(18 / BEAMS)
 
 
-def test_what_is_physically_nearer_hides_the_wall() -> None:
+def test_a_nearer_physical_surface_hides_the_wall() -> None:
     truly = real(2.0)
     assert not wall_of(compared(truly.copy(), truly=truly)).in_view
 
 
-def test_what_is_out_of_reach_is_not_in_view() -> None:
+def test_a_wall_out_of_reach_is_not_in_view() -> None:
     assert not wall_of(compared(real(), far_m=3.0)).in_view
 
 
@@ -172,7 +172,7 @@ def test_something_before_many_beams_beside_an_object_in_view_is_unexpected() ->
 
 
 @pytest.mark.parametrize(("nearest_m", "is_unexpected"), [(math.inf, True), (1.1, False)])
-def test_a_single_beam_shows_what_is_not_there(nearest_m: float, is_unexpected: bool) -> None:
+def test_a_single_beam_shows_an_unexpected_object(nearest_m: float, is_unexpected: bool) -> None:
     """But not where an object stands just beside its cone."""
     frame = compare_ranges(
         t_s=1.0,

@@ -6,14 +6,23 @@ import pytest
 
 from wil_campaign.safety.evaluation.judge import Judge, OracleUse, build_oracles, unjudged
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import (
     DropOutSample,
     LinkSample,
     PoseSample,
+    ReferenceSample,
     StageSample,
     StateSample,
 )
-from wil_campaign.safety.oracles.oracle import OracleContext, OracleError, RunMode
+from wil_campaign.safety.oracles.oracle import (
+    Flags,
+    Oracle,
+    OracleContext,
+    OracleError,
+    RunMode,
+    Terms,
+)
 from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.vehicles.autopilots.autopilot import Mode
 from wil_campaign.worlds.frames import Pose, Vec3
@@ -43,6 +52,34 @@ def pose(t_s: float, vehicle: str, at: Vec3) -> PoseSample:
 
 def state(t_s: float, vehicle: str, *, armed: bool, landed: bool) -> StateSample:
     return StateSample(t_s, vehicle, armed, Mode.LAND, "LAND", landed)
+
+
+class Referred(Oracle):
+    """Keeps the poses by other sources that it is given."""
+
+    def __init__(self, terms: Terms) -> None:
+        super().__init__(terms)
+        self.seen: list[str] = []
+
+    def on_reference(self, sample: ReferenceSample) -> Flags:
+        self.seen.append(sample.source)
+        return self.flag(sample.t_s, "too far")
+
+    def result(self, t_s: float) -> OracleResult:
+        return self.verdict(passed=not self.seen)
+
+
+def test_an_oracle_gets_the_poses_of_its_vehicle_by_other_sources() -> None:
+    (built, *_) = build_oracles([use("altitude", vehicle="twin", max_m=3)], contexts("wil"))
+    assert built.vehicle == "twin"
+    oracle = Referred(built.terms)
+    judge = Judge([oracle])
+    for vehicle, north_m in (("twin", 1.0), ("real", 1.0), ("twin", math.nan)):
+        place = (north_m, 0.0, -1.0)
+        judge.reference(ReferenceSample(1.0, vehicle, "mavlink", place, (0.0, 0.0, 0.0)))
+    assert oracle.seen == ["mavlink"]
+    assert [flag.text for flag in judge.flags] == ["too far"]
+    assert [event.text for event in judge.decisive] == ["too far"]
 
 
 def test_each_mode_judges_its_own_vehicle() -> None:
@@ -185,7 +222,7 @@ def test_silence_is_judged_by_what_is_received() -> None:
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 @pytest.mark.parametrize("where", ["position", "attitude", "velocity"])
-def test_a_pose_that_is_not_finite_is_invalid_and_judged_by_nobody(bad: float, where: str) -> None:
+def test_a_pose_that_is_not_finite_is_invalid_and_not_judged(bad: float, where: str) -> None:
     judge = Judge(build_oracles([use("geofence")], contexts("real")))
     judge.stage(StageSample(0.0, "takeoff"))
     sample = PoseSample(
@@ -203,7 +240,7 @@ def test_a_pose_that_is_not_finite_is_invalid_and_judged_by_nobody(bad: float, w
     assert judge.results(2.0)[0].detail == "no pose seen"
 
 
-def test_samples_of_a_vehicle_nobody_judges_are_let_go() -> None:
+def test_samples_of_an_unjudged_vehicle_are_dropped() -> None:
     judge = Judge(build_oracles([use("geofence")], contexts("sim")))
     assert judge.pose(pose(1.0, "real", (99, 0, 0))) == ()
     assert judge.received(LinkSample(1.0, "nobody")) == ()
@@ -251,7 +288,9 @@ def test_that_the_subject_touches_nothing_is_judged_always(mode: RunMode) -> Non
         {"to": "land"},
     ],
 )
-def test_no_use_of_collision_switches_off_what_is_judged_always(weaker: dict[str, Any]) -> None:
+def test_no_use_of_collision_switches_off_the_collision_that_is_always_judged(
+    weaker: dict[str, Any],
+) -> None:
     flying = contexts("wil")
     seen = {name: replace(context, probe=Nothing()) for name, context in flying.items()}
     parameters = oracle_kinds()["collision"].parameters.model_construct(**weaker)
@@ -267,7 +306,7 @@ def test_no_use_of_collision_switches_off_what_is_judged_always(weaker: dict[str
     assert "collision_always" not in names(collision_always=False)
 
 
-def test_contacts_that_are_left_out_of_what_is_always_judged_are_named() -> None:
+def test_contacts_excluded_from_the_collision_that_is_always_judged_are_named() -> None:
     uses = (use("collision", ground=("table", "pad")), use("clearance", min_m=0.1, ground=("pad",)))
     assert unjudged(uses, collision_always=True) == (
         "contact with table at takeoff and landing",

@@ -303,7 +303,7 @@ def shown(taped: list[LoggedSample]) -> list[str]:
         (packed([]) + b"\xc1\xc1", "no sample before byte"),
     ],
 )
-def test_what_is_no_judge_log_is_refused(data: bytes, said: str) -> None:
+def test_a_file_that_is_no_judge_log_is_refused(data: bytes, said: str) -> None:
     with pytest.raises(JudgeLogError, match=said):
         list(read_judge_log(io.BytesIO(data)))
 

@@ -75,7 +75,7 @@ def test_a_tracker_that_repeats_its_last_pose_with_noise_is_found_within_a_secon
     assert 3.0 < found.at_s < 4.0
 
 
-def test_a_jump_and_a_bias_are_found_by_what_the_two_state() -> None:
+def test_a_jump_and_a_bias_are_found_by_the_accuracy_of_both() -> None:
     def jumped(t_s: float) -> Vec3:
         return (straight(t_s)[0] + (1.0 if t_s >= 4.0 else 0.0), 0.0, -1.2)
 
@@ -98,7 +98,7 @@ def test_a_jump_and_a_bias_are_found_by_what_the_two_state() -> None:
 
 @pytest.mark.parametrize("other", [CAPTURED, TRUTH])
 @pytest.mark.parametrize(("off_m", "is_found"), [(0.4, False), (0.6, True), (-1.4, True)])
-def test_a_better_source_bounds_what_an_estimate_may_be_off(
+def test_a_better_source_bounds_the_error_of_an_estimate(
     other: Accuracy, off_m: float, is_found: bool
 ) -> None:
     def low(t_s: float) -> Vec3:
@@ -123,14 +123,14 @@ def test_a_step_of_an_estimate_is_found_by_a_better_source() -> None:
     assert found.text.startswith("it moved 0.22 m within 0.20 s to 4.00 s, by the other")
 
 
-def test_a_velocity_that_its_own_positions_contradict_excludes_nobody() -> None:
+def test_a_velocity_that_its_own_positions_contradict_excludes_no_source() -> None:
     # PX4 1.18 descended so in SITL: 0.9 m/s aside by its velocity, and nowhere by its positions.
     assert first(straight, velocity=(SPEED_M_S, 0.9, 0.0)) is None
     found = first(frozen, velocity=(SPEED_M_S, 0.9, 0.0))
     assert found is not None
 
 
-def test_times_that_are_mapped_inexactly_exclude_nobody_who_brakes_hard() -> None:
+def test_times_that_are_mapped_inexactly_exclude_no_vehicle_that_brakes_hard() -> None:
     def braking(t_s: float) -> Vec3:
         return (0.5 * 10.0 * min(t_s, 0.5) ** 2 + 5.0 * max(0.0, t_s - 0.5), 0.0, -1.2)
 
@@ -222,7 +222,7 @@ def recorded(name: str) -> list[PoseSample]:
 
 
 @pytest.mark.parametrize("name", ["px4-1.18-offboard", "arducopter-4.7-guided"])
-def test_flights_of_the_real_firmwares_disagree_with_nobody(name: str) -> None:
+def test_sources_agree_in_flights_of_the_real_firmwares(name: str) -> None:
     flight = recorded(name)
     assert flight[-1].t_s - flight[0].t_s > 25.0
     source = OwnVelocity()

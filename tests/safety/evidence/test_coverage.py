@@ -108,7 +108,7 @@ def test_a_gap_anywhere_between_takeoff_and_landed_is_invalid_at_its_time(
 
 
 @pytest.mark.parametrize("silent", [(0.2, 0.9), (4.0, 4.05), (9.1, 11.0)])
-def test_before_takeoff_after_landing_and_within_the_limit_samples_may_be_missing(
+def test_samples_may_be_missing_on_the_ground_and_within_the_limit(
     silent: tuple[float, float],
 ) -> None:
     flight = Flight()
@@ -116,7 +116,7 @@ def test_before_takeoff_after_landing_and_within_the_limit_samples_may_be_missin
     assert flight.fly().verdict == "PASS"
 
 
-def test_what_is_late_is_no_gap() -> None:
+def test_a_late_sample_is_no_gap() -> None:
     flight = Flight()
     flight.late_s = 0.3
     assert flight.fly().verdict == "PASS"
@@ -158,21 +158,21 @@ def test_positions_that_repeat_in_the_air_are_none(since_s: float) -> None:
     assert "it repeats one position" in result.reason
 
 
-def test_on_the_ground_nothing_has_to_move() -> None:
+def test_nothing_has_to_move_on_the_ground() -> None:
     for frozen in ((0.0, 1.99), (8.9, 11.0)):
         flight = Flight()
         flight.frozen = frozen
         assert flight.fly().verdict == "PASS"
 
 
-def test_a_vehicle_that_says_that_it_stands_is_not_believed_between_the_stages_in_the_air() -> None:
+def test_a_vehicle_that_reports_standing_is_not_believed_in_the_air() -> None:
     flight = Flight()
     flight.landed, flight.frozen = True, (4.0, 5.0)
     assert flight.fly().verdict == "INVALID"
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_what_is_not_a_number_is_invalid_and_not_judged(value: float) -> None:
+def test_a_pose_that_is_no_number_is_invalid_and_not_judged(value: float) -> None:
     for signals in ((terms(),), ()):
         evidence = Evidence(signals)
         evidence.stage(StageSample(1.0, "takeoff"))
@@ -205,7 +205,7 @@ def test_reports_have_a_coverage_of_their_own() -> None:
 
 
 @pytest.mark.parametrize("signals", [(), (terms("camera"),)])
-def test_what_others_doubt_is_invalid_with_signal_and_time(
+def test_a_doubted_signal_is_invalid_with_its_name_and_time(
     signals: tuple[SignalTerms, ...],
 ) -> None:
     evidence = Evidence(signals)
@@ -234,7 +234,7 @@ def test_no_order_of_stamps_hides_a_gap(stamps: list[float]) -> None:
     assert bool(evidence.events) == (max(gaps) > LIMIT_S)
 
 
-def test_limits_are_three_periods_of_what_is_judged() -> None:
+def test_limits_are_three_periods_of_the_judged_signal() -> None:
     assert position_limit_s(50.0) == pytest.approx(0.06 + STAMP_S)
     assert position_limit_s(100.0, judged_every_s=0.018) == pytest.approx(0.06 + STAMP_S)
     assert position_limit_s(60.0, judged_every_s=0.018) == pytest.approx(0.1 + STAMP_S)

@@ -55,7 +55,7 @@ def test_the_velocity_of_the_real_arducopter_is_that_of_its_gps() -> None:
 
 
 @pytest.mark.parametrize("name", [COPTER, PX4])
-def test_a_receiver_excludes_no_velocity_within_what_both_state(name: str) -> None:
+def test_a_receiver_excludes_no_velocity_within_the_accuracy_of_both(name: str) -> None:
     # PX4's receiver states 0.4 m/s: 2 m/s are no contradiction.
     result = judged(drifting(recorded(name), 1.0), ground_speeds(name))
     assert (result.verdict, result.compared_with) == ("PASS", ("gps",))

@@ -54,7 +54,7 @@ def seen(
         (40.0, 6.0, "INVALID"),
     ],
 )
-def test_turn_beyond_what_both_state_is_invalid(
+def test_a_turn_beyond_the_accuracy_of_both_sources_is_invalid(
     turned_deg: float, accuracy_deg: float, verdict: str
 ) -> None:
     result = seen(turned_deg, accuracy_deg=accuracy_deg)
@@ -78,7 +78,7 @@ def test_accuracy_of_the_campaign_counts() -> None:
     assert result.verdict == "PASS"
 
 
-def test_heading_of_what_is_not_judged_is_no_evidence() -> None:
+def test_the_heading_of_an_unjudged_vehicle_is_no_evidence() -> None:
     result = seen(90.0, judged=replace(BY_ESTIMATE, by_estimate=False))
     assert result is not None
     assert result.verdict == "PASS"

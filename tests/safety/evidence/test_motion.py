@@ -87,7 +87,7 @@ def _more(q: Quat, pitch_rad: float) -> Quat:
 
 
 @pytest.mark.parametrize("signal", ["velocity", "attitude"])
-def test_what_moves_and_leans_as_others_say_is_evidence(signal: str) -> None:
+def test_motion_that_agrees_with_another_source_is_evidence(signal: str) -> None:
     result = fly(signal, moving())
     assert (result.verdict, result.reason) == ("PASS", "")
     assert result.compared_with == ("truth",)

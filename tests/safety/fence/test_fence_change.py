@@ -38,7 +38,9 @@ def why(at: Vec3, velocity: Vec3 = (0, 0, 0), *, keep_m: float = 0.0) -> str:
         ("it is 0.20 m from the fence's ceiling, nearer than 0.3 m", why((0, 0, -1.8), keep_m=0.3)),
     ],
 )
-def test_whether_a_fence_may_be_changed(said: str, refusal: str) -> None:
+def test_a_fence_that_may_not_be_changed_is_refused_with_the_reason(
+    said: str, refusal: str
+) -> None:
     assert refusal == said
 
 

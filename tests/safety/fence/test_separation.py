@@ -19,7 +19,7 @@ def box(north_m: tuple[float, float], up_m: tuple[float, float] = (0.0, 2.0)) ->
     return Fence.box(north_m=north_m, east_m=(-1.0, 1.0), up_m=up_m)
 
 
-def test_what_lies_between_is_the_distance_and_height_separates_nobody() -> None:
+def test_the_gap_between_fences_is_their_distance_and_height_counts_nothing() -> None:
     assert separation_m(SQUARE, box((4.0, 6.0))) == pytest.approx(3.0)
     assert separation_m(SQUARE, box((0.0, 6.0))) == 0.0
     assert separation_m(SQUARE, box((0.0, 6.0), (50.0, 60.0))) == 0.0

@@ -56,7 +56,7 @@ def test_a_slowing_vehicle_counts_as_steady() -> None:
     assert breaks(Motion(HERE, (2.2, 0.0, 0.0), commanded_ned_m_s=STANDING))
 
 
-def test_what_is_commanded_counts_as_far_as_it_is_reached_by_then() -> None:
+def test_a_command_counts_as_far_as_it_is_reached_by_then() -> None:
     near = (1.5, 0.0, -1.0)
     assert not breaks(Motion(near, STANDING, commanded_ned_m_s=(0.8, 0.0, 0.0)))
     assert breaks(Motion(near, STANDING, commanded_ned_m_s=(3.5, 0.0, 0.0)))

@@ -91,7 +91,7 @@ def test_the_order_in_which_events_are_reported_does_not_matter(
     assert len(one.also) == len(told) - 1
 
 
-def test_what_was_not_reached_comes_before_the_time_out_that_it_led_to() -> None:
+def test_a_missed_goal_comes_before_the_time_out_that_it_led_to() -> None:
     timeout = DecisiveEvent(
         40.0, "FAIL", "real was not done 40 s after its goal", "time_limit/real"
     )

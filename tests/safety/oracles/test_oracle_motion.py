@@ -17,6 +17,7 @@ from wil_campaign.safety.model.oracle_results import Flag, OracleResult
 from wil_campaign.safety.model.samples import (
     LinkSample,
     PoseSample,
+    ReferenceSample,
     Stage,
     StageSample,
     StateSample,
@@ -81,12 +82,18 @@ CONTEXT = OracleContext(
 )
 
 
-def samples(velocity: Vec3, angles: Angles) -> Iterator[PoseSample | StateSample | LinkSample]:
+Sample = PoseSample | ReferenceSample | StateSample | LinkSample
+
+
+def samples(velocity: Vec3, angles: Angles) -> Iterator[Sample]:
     """A flight through the gate, velocity and attitude to and fro; the twin stands beside it."""
     for k in range(90):
         t_s, at, share = k / 10.0, (k / 12.0 - 1.0, 0.0, -1.0), math.cos(k / 5.0)
         q_wxyz = quat_from_euler(*(angle * share for angle in angles))
         yield PoseSample(t_s, "real", Pose(at, q_wxyz), scale(velocity, share))
+        yield ReferenceSample(
+            t_s - 0.02, "real", "truth", at, (1.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
+        )
         yield PoseSample(t_s, "twin", Pose((0.0, 1.0, -1.0)), (0.0, 0.0, 0.0))
         for vehicle in ("real", "twin"):
             yield LinkSample(t_s, vehicle)
@@ -107,11 +114,14 @@ def flown(judge: Oracle, velocity: Vec3, angles: Angles) -> tuple[OracleResult, 
                 continue
             case PoseSample():
                 flags += judge.on_pose(sample)
+            case ReferenceSample():
+                flags += judge.on_reference(sample)
             case StateSample():
                 flags += judge.on_state(sample)
             case LinkSample():
                 flags += judge.on_received(sample)
-        flags += judge.on_tick(sample.t_s)
+        if not isinstance(sample, ReferenceSample):
+            flags += judge.on_tick(sample.t_s)
     flags += judge.on_stage(StageSample(9.0, "landed"))
     flags += judge.on_stage(StageSample(9.5, "end"))
     return judge.result(9.5), flags

@@ -207,7 +207,7 @@ def test_limits_given_to_the_probe_keep_the_smallest_clearance() -> None:
         ("clearance", {"min_m": 3.0}, CLEAR_AGAIN_M),
     ],
 )
-def test_where_nothing_came_near_the_margin_exceeds_what_the_oracle_sees(
+def test_the_margin_exceeds_the_sight_of_the_oracle_when_nothing_came_near(
     kind: str, more: dict[str, float], beyond_m: float
 ) -> None:
     far, close = (
@@ -266,7 +266,7 @@ def test_a_tilted_body_touches_the_ground_with_its_edge() -> None:
     assert judge.result(4.0).at_s == 3.1
 
 
-def test_what_is_not_touched_tells_how_near_the_ground_came() -> None:
+def test_a_pass_without_contact_tells_how_near_the_ground_came() -> None:
     judge = in_the_open()
     stage(judge, takeoff=1.0, at_height=2.0)
     judge.on_pose(pose(3.0, (0, 0, 0.2)))

@@ -152,7 +152,9 @@ def test_silence_after_landing_does_not_count() -> None:
         (False, None, "never reported whether it is on the ground"),
     ],
 )
-def test_landed(armed: bool, landed: bool | None, detail: str) -> None:
+def test_the_oracle_landed_fails_while_armed_or_not_on_the_ground(
+    armed: bool, landed: bool | None, detail: str
+) -> None:
     judge = build("landed")
     judge.on_state(state(1.0))
     judge.on_state(state(2.0, armed=armed, landed=landed))

@@ -23,7 +23,7 @@ def test_through_a_gate_reports_offset_and_time() -> None:
     assert result.at_s == pytest.approx(4.5)
 
 
-def test_beside_the_gate_is_not_through_and_the_way_back_does_not_count() -> None:
+def test_a_way_beside_the_gate_or_back_through_it_does_not_count() -> None:
     judge = reached()
     stage(judge, goal=2.0)
     assert fly(judge, (2, 0.8, -1), (4, 0.8, -1)) == ["real passed beside gate"]
@@ -77,7 +77,7 @@ def test_gates_count_in_order_only() -> None:
         ("away", "ring", True),
     ],
 )
-def test_direction(direction: str, name: str, passes: bool) -> None:
+def test_a_gate_passes_in_its_own_direction_alone(direction: str, name: str, passes: bool) -> None:
     judge = reached((name,), direction=direction)
     stage(judge, goal=2.0)
     fly(judge, (2, 0, -1), (8, 0, -1))
@@ -165,7 +165,7 @@ def test_time_limit_passed_is_flagged_when_it_happens() -> None:
     assert numbers(judge.result(15.0)) == ("FAIL", 12.0, 10.0, -2.0, 14.0)
 
 
-def test_never_done_in_time_is_no_margin() -> None:
+def test_a_goal_never_done_in_time_has_no_margin() -> None:
     judge = build("time_limit", limit_s=10)
     stage(judge, goal=2.0)
     assert numbers(judge.result(6.0)) == ("FAIL", 4.0, 10.0, None, 6.0)
@@ -189,7 +189,7 @@ def of_body(route: tuple[str, ...] = ("gate",), **parameters: object) -> Oracle:
     return judge
 
 
-def test_a_nose_in_the_gate_and_a_way_round_it_is_not_through() -> None:
+def test_a_nose_in_the_gate_and_a_way_round_it_is_no_passage() -> None:
     judge = of_body()
     assert fly(judge, (2, 0, -1), (3.018, 0, -1), (2, 0, -1), (2, 2, -1), (4, 2, -1)) == [
         "real passed beside gate"
@@ -199,14 +199,14 @@ def test_a_nose_in_the_gate_and_a_way_round_it_is_not_through() -> None:
 
 
 @pytest.mark.parametrize("direction", ["away", "either", "along"])
-def test_in_and_out_again_is_through_in_no_direction(direction: str) -> None:
+def test_flying_in_and_out_again_is_no_passage_in_any_direction(direction: str) -> None:
     judge = of_body(direction=direction)
     assert fly(judge, (2, 0, -1), (3.1, 0, -1), (2, 0, -1)) == []
     assert judge.result(9.0).verdict == "FAIL"
 
 
 @pytest.mark.parametrize(("beyond_m", "through"), [(-0.01, False), (0.01, True)])
-def test_through_is_out_on_the_far_side_by_the_radius(beyond_m: float, through: bool) -> None:
+def test_a_passage_ends_on_the_far_side_by_the_radius(beyond_m: float, through: bool) -> None:
     judge = of_body()
     fly(judge, (2, 0, -1), (3.0 + RADIUS_M + beyond_m, 0, -1))
     result = judge.result(9.0)

@@ -124,7 +124,7 @@ def test_distance_may_have_one_limit() -> None:
     assert (close.result(4.0).actual, far.result(4.0).actual) == (0.5, 9.0)
 
 
-def test_distance_to_what_is_not_there_is_refused_with_what_was_meant() -> None:
+def test_the_distance_to_an_unknown_object_is_refused_with_a_suggestion() -> None:
     context = OracleContext(
         mode="wil",
         subject="real",
@@ -296,7 +296,7 @@ def test_fail_fast_where_the_campaign_says(kind: str, given: dict[str, Any], fas
     assert build(kind, **given).terms.fail_fast is fast
 
 
-def test_what_only_the_end_shows_cannot_fail_fast() -> None:
+def test_an_oracle_known_only_at_the_end_cannot_fail_fast() -> None:
     context = OracleContext(mode="sim", subject="twin", vehicle="twin", target_ned_m=NORTH_1)
     with pytest.raises(OracleError, match="only known at the end") as caught:
         build("reached_position", context=context, tolerance_m=0.1, fail_fast=True)

@@ -61,7 +61,7 @@ def test_modes_are_named_and_understood(
 
 @pytest.mark.parametrize("autopilot", BOTH)
 @pytest.mark.parametrize("mode", [Mode.HOLD, Mode.GUIDED, Mode.LAND, Mode.RTL])
-def test_the_mode_that_is_asked_for_is_the_mode_it_means(autopilot: Autopilot, mode: Mode) -> None:
+def test_a_requested_mode_reads_back_as_itself(autopilot: Autopilot, mode: Mode) -> None:
     message = autopilot.set_mode(TARGET, mode)
     assert (message.target_system, message.command) == (3, 176)
     enabled, main, sub = _parameters(message)[:3]

@@ -105,7 +105,7 @@ def test_second_receiver_holds_the_position(name: AutopilotName) -> None:
 
 
 @BOTH
-def test_on_the_ground_and_before_any_report_there_is_nothing_to_lose(name: AutopilotName) -> None:
+def test_nothing_is_lost_on_the_ground_or_before_any_report(name: AutopilotName) -> None:
     losses = armed(name, [])
     assert lost(losses, report(name, 0), gps(0)) == ((), ())
     losses = armed(name, [report(name, FLOWN[name])])

@@ -44,7 +44,7 @@ def test_px4_degrees_are_arcs_of_its_sphere() -> None:
 
 @pytest.mark.parametrize("kind", [Px4Projection, ArduPilotProjection])
 @given(north_m=st.floats(-2000.0, 2000.0), east_m=st.floats(-2000.0, 2000.0))
-def test_there_and_back(
+def test_metres_come_back_from_degrees(
     kind: type[Px4Projection] | type[ArduPilotProjection], north_m: float, east_m: float
 ) -> None:
     here = kind(*ZURICH)

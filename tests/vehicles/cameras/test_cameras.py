@@ -184,7 +184,7 @@ def test_a_slow_renderer_costs_exposures_not_order() -> None:
     assert all(arrived_s >= reading.t_s + 0.12 - 1e-9 for arrived_s, reading in got)
 
 
-def test_what_the_receiver_raises_ends_the_camera() -> None:
+def test_an_exception_of_the_receiver_ends_the_camera() -> None:
     async def main() -> None:
         history = PoseHistory(2.0)
         history.add(0.0, Pose((0.0, 0.0, 0.0)))
@@ -227,7 +227,7 @@ def test_an_asked_camera_answers_from_the_pose_it_is_given() -> None:
     run_virtual(main())
 
 
-def test_ticks() -> None:
+def test_the_next_tick_follows_the_rate() -> None:
     assert [next_tick(t_s, 10.0) for t_s in (0.0, 0.05, 0.1, 0.1000000001, 0.11)] == [0, 1, 1, 1, 2]
 
 

@@ -95,7 +95,7 @@ async def is_down_in_the_north(url: str) -> None:
     ("autopilot", "over", "url"),
     [("px4", "udp", "udpin://127.0.0.1:{}"), ("ardupilot", "tcp", "tcpout://127.0.0.1:{}")],
 )
-async def test_mavsdk(autopilot: str, over: str, url: str) -> None:
+async def test_mavsdk_flies_the_embedded_vehicle(autopilot: str, over: str, url: str) -> None:
     port = free_port()
     link = f"udpout://127.0.0.1:{port}" if over == "udp" else f"tcpin://127.0.0.1:{port}"
     async with vehicle(link, autopilot):
@@ -108,7 +108,9 @@ async def test_mavsdk(autopilot: str, over: str, url: str) -> None:
     ("autopilot", "over", "url"),
     [("px4", "tcp", "tcp:127.0.0.1:{}"), ("ardupilot", "udp", "udpin:127.0.0.1:{}")],
 )
-async def test_scripts_with_pymavlink(autopilot: str, over: str, url: str) -> None:
+async def test_scripts_with_pymavlink_fly_the_embedded_vehicle(
+    autopilot: str, over: str, url: str
+) -> None:
     port = free_port()
     link = f"udpout://127.0.0.1:{port}" if over == "udp" else f"tcpin://127.0.0.1:{port}"
     async with vehicle(link, autopilot):
@@ -117,7 +119,7 @@ async def test_scripts_with_pymavlink(autopilot: str, over: str, url: str) -> No
     assert "logs 1" in said
 
 
-async def test_mavproxy(tmp_path: Path) -> None:
+async def test_mavproxy_flies_the_embedded_vehicle(tmp_path: Path) -> None:
     port = free_port()
     async with vehicle(f"tcpin://127.0.0.1:{port}", "ardupilot"):
         await flown_by("mavproxy_client.py", f"tcp:127.0.0.1:{port}", "ardupilot", str(tmp_path))

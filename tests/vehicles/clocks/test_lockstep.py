@@ -97,7 +97,7 @@ def test_processes_that_are_in_time_run_on_one_line_at_the_pace_that_was_asked_f
     assert out.pace == pytest.approx(NOMINAL, rel=0.01)
 
 
-def test_the_clock_waits_for_one_that_is_late_and_makes_no_leap_after_it() -> None:
+def test_the_clock_waits_for_a_late_client_and_makes_no_leap_after_it() -> None:
     out = flown([lambda _: False, lambda wall_s: 1.0 < wall_s < 1.5])
     holds(out)
     stood = [
@@ -145,7 +145,7 @@ def test_an_extension_leaves_the_line_as_it_is() -> None:
     assert lockstep.segment.run_s == pytest.approx(second.end_s)
 
 
-def test_a_client_that_hangs_is_found_by_the_wall_and_waited_for_no_more_until_it_reports() -> None:
+def test_a_client_that_hangs_is_found_by_the_wall_and_not_awaited_until_it_reports() -> None:
     lockstep = Lockstep(nominal=NOMINAL)
     for name in ("real", "orchestrator"):
         lockstep.join(name)
@@ -182,7 +182,7 @@ def test_a_machine_that_was_asleep_has_stalled_nobody() -> None:
         assert not lockstep.is_silent("real", 3600.0 + step * STEP_S, STALL_S)
 
 
-def test_one_that_has_ended_is_waited_for_no_more() -> None:
+def test_a_client_that_has_ended_is_not_waited_for() -> None:
     lockstep = Lockstep(nominal=NOMINAL)
     for name in ("guard", "real"):
         lockstep.join(name)

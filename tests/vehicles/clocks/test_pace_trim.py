@@ -26,7 +26,7 @@ def test_times_stay_together_whatever_the_other_attains(
     assert abs(ahead_s) < 0.02 * nominal
 
 
-def test_what_is_attained_is_left_alone() -> None:
+def test_an_attained_pace_is_left_alone() -> None:
     trim = PaceTrim(nominal=3.0)
     asked = [trim.update(wall_s=s / 20.0, ahead_s=0.0, rate=3.001) for s in range(400)]
     assert asked == [None] * 400

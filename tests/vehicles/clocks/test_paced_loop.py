@@ -58,7 +58,7 @@ def test_sockets_are_served_meanwhile() -> None:
         assert runner.run(received()) == b"word"
 
 
-def test_another_piece_of_the_clock_is_gone_on_by_and_time_never_goes_back() -> None:
+def test_a_loop_goes_on_by_the_next_piece_of_the_clock_and_never_back() -> None:
     async def flown() -> list[float]:
         loop = asyncio.get_running_loop()
         assert isinstance(loop, PacedLoop)
@@ -168,7 +168,7 @@ def test_a_loop_that_is_ahead_of_the_first_piece_reports_how_far_it_is() -> None
     assert reports == [stands_s]
 
 
-def test_what_was_due_is_done_and_what_came_is_read_when_it_is_reported() -> None:
+def test_a_loop_reports_after_its_timers_ran_and_its_sockets_were_read() -> None:
     async def flown() -> list[tuple[float, float, int]]:
         loop = asyncio.get_running_loop()
         assert isinstance(loop, PacedLoop)

@@ -154,7 +154,7 @@ def test_an_exception_of_a_callback_goes_to_the_handler_and_the_loop_goes_on() -
     on_each(main)
 
 
-def test_without_epoll_the_loop_is_asyncio_s(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_loop_is_asyncios_without_epoll(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = quick_loop()
     loop.close()
     assert isinstance(loop, QuickLoop)
@@ -164,7 +164,7 @@ def test_without_epoll_the_loop_is_asyncio_s(monkeypatch: pytest.MonkeyPatch) ->
     assert not isinstance(loop, QuickLoop)
 
 
-def test_where_asyncio_is_built_otherwise_the_loop_is_its_own(
+def test_the_loop_is_asyncios_where_asyncio_is_built_otherwise(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(

@@ -105,7 +105,7 @@ def test_it_goes_as_fast_as_the_simulator_attains(
 
 @settings(max_examples=20, deadline=None)
 @given(st.lists(st.floats(0.0, 12.0), min_size=3, max_size=12), st.integers(0, 99))
-def test_whatever_the_simulator_does_time_goes_on_and_never_back(
+def test_time_goes_on_and_never_back_at_any_rate_of_the_simulator(
     rates: list[float], seed: int
 ) -> None:
     out = flown(
@@ -157,7 +157,7 @@ def test_a_reboot_begins_the_vehicle_s_time_anew_and_not_ours() -> None:
     assert steering.segment.rate == pytest.approx(2.0, rel=0.02)
 
 
-def test_what_waited_in_a_buffer_counts_once() -> None:
+def test_frames_that_waited_in_a_buffer_count_once() -> None:
     track = BootTrack(nominal=2.0)
     for step in range(100):
         wall_s = round(step // 10) * 0.1 + 0.1

@@ -46,7 +46,9 @@ def _explained(exchanges: list[Exchange], step_s: float) -> int:
 
 
 @given(st.lists(_STEPS, min_size=1, max_size=40))
-def test_it_says_what_comparing_each_with_each_says(steps: list[tuple[float, ...]]) -> None:
+def test_the_steady_count_equals_that_of_comparing_each_pair(
+    steps: list[tuple[float, ...]],
+) -> None:
     pace, exchanges, t_s, remote_s = SteadyPace(), list[Exchange](), 0.0, 100.0
     for dt_s, rate, there_s, back_s, step_s in steps:
         t_s, remote_s = t_s + dt_s, remote_s + dt_s * rate

@@ -219,7 +219,7 @@ def test_foreign_answers_and_questions_are_ignored() -> None:
     assert not clock.answered(tc1=77_000_001, ts1=stamp, arrived_s=1.2)
 
 
-def test_requests_are_distinguished_by_who_asked() -> None:
+def test_requests_are_distinguished_by_their_senders() -> None:
     assert VehicleClock(own_id=245).ask(1.0) != VehicleClock(own_id=255).ask(1.0)
     assert VehicleClock().ask(0.0) > 0
 
@@ -334,7 +334,7 @@ def test_a_clock_five_percent_behind_is_followed() -> None:
     assert max(map(abs, errors_s[-500:])) < 0.01
 
 
-def test_what_is_not_made_good_yet_counts_as_uncertain() -> None:
+def test_a_clock_error_that_is_not_corrected_yet_counts_as_uncertainty() -> None:
     simulation = _started()
     simulation.now_s += 0.1
     for _ in range(10):

@@ -178,7 +178,7 @@ def _waypoint(place: tuple[float, float], north: int) -> MissionItem:
 
 
 @EVERYWHERE
-def test_the_whole_of_a_flight(
+def test_each_driver_flies_a_whole_flight(
     voice: str,
     autopilot: AutopilotName,
     kind: LinkKind,

@@ -81,7 +81,7 @@ async def _stream(driver: Driver, setpoint: Any, seconds: float) -> None:
 
 
 @BOTH
-def test_a_flight(autopilot: AutopilotName) -> None:
+def test_the_driver_flies_and_reports_a_whole_flight(autopilot: AutopilotName) -> None:
     events: list[VehicleEvent] = []
     samples: list[tuple[EstimateSample, Any]] = []
 
@@ -195,7 +195,7 @@ def test_a_landed_vehicle_gets_ready_again_where_it_stands(autopilot: AutopilotN
 
 
 @BOTH
-def test_never_ready(autopilot: AutopilotName) -> None:
+def test_a_vehicle_that_is_never_ready_is_an_error(autopilot: AutopilotName) -> None:
     async def script(driver: Driver, vehicle: EmbeddedVehicle) -> None:
         await driver.identify(5.0)
         with pytest.raises(NotReadyError, match="pre-arm checks have not passed") as caught:
@@ -218,7 +218,7 @@ def test_refused_arming(autopilot: AutopilotName) -> None:
 
 
 @BOTH
-def test_parameters(autopilot: AutopilotName) -> None:
+def test_parameters_are_set_read_and_refused(autopilot: AutopilotName) -> None:
     whole, real = {
         "px4": ("NAV_DLL_ACT", "COM_OF_LOSS_T"),
         "ardupilot": ("FS_GCS_ENABLE", "GUID_TIMEOUT"),

@@ -136,7 +136,9 @@ def test_a_one_way_link_is_reported(fake_pair: Callable[..., Any]) -> None:
 
 
 @pytest.mark.parametrize(("late_s", "words"), [(0.1, "one-way"), (1.2, "itself was 1.2 s late")])
-def test_a_link_is_not_blamed_for_what_this_program_read_late(late_s: float, words: str) -> None:
+def test_a_link_is_not_blamed_for_frames_that_this_program_read_late(
+    late_s: float, words: str
+) -> None:
     from wil_campaign.vehicles.mavlink.codec import Codec
 
     class ReadLate(TappedLink):
@@ -354,7 +356,7 @@ def test_a_battery_without_a_power_module_is_not_measured(
     _run(fake_pair, script)
 
 
-def test_events_tell_what_was_asked_for_and_what_not(fake_pair: Callable[..., Any]) -> None:
+def test_events_tell_requested_changes_from_others(fake_pair: Callable[..., Any]) -> None:
     async def script(driver: Driver, peer: Any) -> list[tuple[str, str, bool]]:
         events: list[VehicleEvent] = []
         driver.on_event(events.append)
@@ -492,7 +494,7 @@ def test_a_takeoff_whose_ack_was_lost_succeeds(fake_pair: Callable[..., Any]) ->
     _run(fake_pair, script, prepare=prepare)
 
 
-def test_disarm_and_terminate(fake_pair: Callable[..., Any]) -> None:
+def test_disarm_and_terminate_send_their_commands(fake_pair: Callable[..., Any]) -> None:
     async def script(driver: Driver, peer: Any) -> None:
         await _armed(driver)
         assert driver.state.armed

@@ -393,7 +393,7 @@ def test_a_repeater_may_begin_after_a_period() -> None:
     assert run_virtual(tick()) == pytest.approx([0.1, 0.2, 0.3])
 
 
-def test_changes_wake_who_waits_and_time_out() -> None:
+def test_changes_wake_waiters_and_waits_time_out() -> None:
     async def wait() -> tuple[bool, bool, float]:
         changes, box = ConditionWaiter(), [0]
         loop = asyncio.get_running_loop()

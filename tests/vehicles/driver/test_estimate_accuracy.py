@@ -20,7 +20,7 @@ def odometry(variances: dict[int, float]) -> Any:
     )
 
 
-def test_it_is_the_standard_deviation_of_the_worst_axis() -> None:
+def test_the_accuracy_is_the_standard_deviation_of_the_worst_axis() -> None:
     found = accuracy_in(odometry(FLOWN), 12.5)
     assert found == pytest.approx((12.5, 0.28886, 0.077518), rel=1e-4)
 
@@ -38,5 +38,5 @@ def test_it_is_the_standard_deviation_of_the_worst_axis() -> None:
     ],
     ids=["unset", "unknown", "nan", "infinite", "negative", "position alone", "attitude alone"],
 )
-def test_what_is_not_stated_in_full_is_unknown(variances: dict[int, float]) -> None:
+def test_an_accuracy_that_is_not_stated_in_full_is_unknown(variances: dict[int, float]) -> None:
     assert accuracy_in(odometry(variances), 12.5) is None

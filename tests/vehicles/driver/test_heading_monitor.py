@@ -55,7 +55,7 @@ def gps(*, yaw: int = 0, cog: int = 0xFFFF, vel: int = 200, fix: int = 3) -> Any
 
 
 @pytest.mark.parametrize("peer_is", ["px4", "ardupilot"])
-def test_step_of_heading(fake_pair: Callable[..., Any], peer_is: str) -> None:
+def test_a_step_of_the_heading_is_found(fake_pair: Callable[..., Any], peer_is: str) -> None:
     def step(peer: Any) -> None:
         peer.yaw_rad = math.radians(-30.0)
 

@@ -115,7 +115,7 @@ def test_the_rate_that_was_asked_for_comes_though_the_request_was_lost() -> None
 
 
 @BOTH
-def test_a_outage_of_3_s_in_flight(autopilot: AutopilotName) -> None:
+def test_a_vehicle_survives_an_outage_of_3_s_in_flight(autopilot: AutopilotName) -> None:
     async def script(driver: Driver, vehicle: EmbeddedVehicle, link: ImpairedLink) -> list[Any]:
         events: list[VehicleEvent] = []
         await _up(driver)

@@ -49,7 +49,7 @@ def test_all_streams_are_asked_for_in_one_packet() -> None:
     assert asked(wire.packets) == [line.message_id for line in plan]
 
 
-def test_another_command_backend_says_each_of_them() -> None:
+def test_another_command_backend_sends_each_stream_request() -> None:
     wire, said = Wire(), list[Any]()
     plan = Px4().telemetry_plan(TelemetryRates())
     session = Session(link=wire, own=Target(245, 190), sender=said.append)

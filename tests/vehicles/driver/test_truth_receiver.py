@@ -156,7 +156,7 @@ def test_a_time_that_telemetry_contradicts_makes_it_neither_older_nor_newer() ->
     assert stamps == pytest.approx([102.0, 102.5, 103.0], abs=1e-3)
 
 
-def test_what_came_long_after_any_stamp_is_of_no_known_time() -> None:
+def test_truth_that_came_long_after_any_stamp_has_no_known_time() -> None:
     simulator = Simulator(ArduCopter())
     simulator.stand(sim_state())
     simulator.receiver.anchor_at(START)
@@ -191,7 +191,7 @@ def test_after_a_reboot_it_is_anchored_anew() -> None:
     assert simulator.samples == []
 
 
-def test_nothing_is_taken_where_nobody_listens() -> None:
+def test_truth_without_a_listener_is_not_taken() -> None:
     simulator = Simulator(ArduCopter(), listens=False)
     simulator.stand(sim_state())
     assert simulator.receiver.count == 0

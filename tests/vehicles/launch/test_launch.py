@@ -92,7 +92,7 @@ def test_without_parameter_files_those_of_its_tree_are_taken(sims: Any, tmp_path
     ]  # fmt: skip
 
 
-def test_one_that_would_be_of_no_frame_is_not_started(sims: Any) -> None:
+def test_an_arducopter_without_a_frame_is_not_started(sims: Any) -> None:
     binary = sims.program(sims.ardupilot)
     (sims.folder / "Tools" / "autotest" / "default_params" / "copter.parm").unlink()
     with pytest.raises(LaunchError, match=r"FRAME_CLASS is 0 and it never arms; name that file"):
@@ -100,7 +100,7 @@ def test_one_that_would_be_of_no_frame_is_not_started(sims: Any) -> None:
     ArduPilotLaunch(binary=binary, params=(("FRAME_CLASS", 1.0),)).check()
 
 
-async def test_two_share_nothing(sims: Any) -> None:
+async def test_two_launched_vehicles_share_no_port(sims: Any) -> None:
     binary = sims.program(sims.ardupilot)
     async with (
         _vehicle(sims, binary) as real,
@@ -154,7 +154,7 @@ async def test_px4_runs_from_a_build(sims: Any) -> None:
         ("time.sleep(600)", 10.0, "not ready after 10 s: it printed nothing"),
     ],
 )  # fmt: skip
-async def test_what_goes_wrong_at_the_start(
+async def test_a_failed_start_is_reported_and_gives_the_instance_back(
     sims: Any, body: str, ready_s: float, words: str
 ) -> None:
     binary: Path = sims.program(body)
@@ -165,7 +165,9 @@ async def test_what_goes_wrong_at_the_start(
     take_instance(ArduPilotLaunch(binary=binary), locks=sims.locks).close()
 
 
-def test_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_program_or_docker_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     binary = tmp_path / "arducopter"
     with pytest.raises(LaunchError, match=r"there is no program .*arducopter"):
         ArduPilotLaunch(binary=binary).check()
@@ -308,7 +310,7 @@ def test_an_id_that_was_used_again_is_no_orphan(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"supervisor": 3}', "\udcff"])
-def test_a_spoilt_record_names_nobody(tmp_path: Path, text: str) -> None:
+def test_a_spoilt_record_names_no_process(tmp_path: Path, text: str) -> None:
     (tmp_path / RECORD).write_bytes(text.encode(errors="surrogateescape"))
     assert find_orphans(tmp_path) == ()
 
@@ -332,7 +334,7 @@ def test_instances_avoid_locks_and_busy_ports(sims: Any) -> None:
         assert again.number == one.number
 
 
-def test_all_instances_in_use(sims: Any) -> None:
+def test_a_launch_without_a_free_instance_is_an_error(sims: Any) -> None:
     launch = Px4Launch(image="x")
     with ExitStack() as held:
 

@@ -5,7 +5,6 @@ import logging
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from types import TracebackType
 from typing import Any, Self
 
 import pytest
@@ -78,12 +77,7 @@ class FlappingLink:
         self._task = asyncio.create_task(self._flap(), name="flapping")
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         if self._task is not None:
             self._task.cancel()
             await asyncio.wait([self._task])
@@ -231,7 +225,7 @@ def flapped(
     return flaky, [one.getMessage() for one in caplog.records]
 
 
-def test_what_flaps_is_reported_once_and_again_when_it_stays(
+def test_a_link_that_flaps_is_reported_once_and_again_when_it_stays(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async def script(recovery: Reconnection, _: Flaky) -> None:

@@ -79,7 +79,7 @@ def test_latency_and_jitter_keep_the_order() -> None:
     assert 0.08 < sum(delays_s) / len(delays_s) < 0.12
 
 
-def test_loss_is_what_was_asked_for() -> None:
+def test_the_share_of_lost_frames_is_the_requested_one() -> None:
     arrived = _fly(Impairment(loss=0.05), count=20_000)
     assert 1.0 - len(arrived) / 20_000 == pytest.approx(0.05, abs=0.006)
 
@@ -137,7 +137,7 @@ def test_bandwidth_delays_and_then_drops() -> None:
     assert 0.5 < max(_delays_s(arrived)) < 0.55
 
 
-def test_a_outage_takes_what_was_under_way() -> None:
+def test_an_outage_loses_the_frames_under_way() -> None:
     setting = Impairment(latency_s=0.1, outages=(LinkOutage(2.0, 3.0),))
     arrived = _fly(setting, count=1000)
     gone = sorted(set(range(1, 1001)) - {number for _, number in arrived})
@@ -147,7 +147,7 @@ def test_a_outage_takes_what_was_under_way() -> None:
     assert last_s == pytest.approx(4.99, abs=0.011)
 
 
-def test_a_outage_on_demand_and_both_ways() -> None:
+def test_an_outage_on_demand_holds_both_ways() -> None:
     async def fly() -> tuple[list[Any], list[Any]]:
         ours, theirs = memory_pair()
         link = ImpairedLink(

@@ -45,7 +45,7 @@ def test_memory_keeps_order_and_latency(latency_s: float) -> None:
         assert t_s == pytest.approx(number // 10 * 0.01 + latency_s, abs=1e-9)
 
 
-def test_memory_loses_what_is_written_to_a_closed_end() -> None:
+def test_memory_loses_bytes_written_to_a_closed_end() -> None:
     async def fly() -> list[bytes]:
         ours, theirs = memory_pair(latency_s=0.1)
         arrived: list[bytes] = []
@@ -181,7 +181,7 @@ async def test_little_waits_in_the_kernel_until_another_address_would_take_the_r
         assert _send_buffer_bytes(there.link) == default  # there are two
 
 
-async def test_of_a_vehicle_that_has_moved_little_waits_in_the_kernel_again() -> None:
+async def test_little_waits_in_the_kernel_again_for_a_vehicle_that_has_moved() -> None:
     async with Received() as there:
         there.say(1001, _heartbeat(1))
         there.now_s += 60.0
@@ -198,7 +198,7 @@ def _send_buffer_bytes(link: UdpLink) -> int:
     return own.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
 
 
-async def test_who_speaks_in_the_name_of_another_is_reported_and_not_believed() -> None:
+async def test_a_sender_in_the_name_of_another_is_reported_and_not_believed() -> None:
     async with Received() as there:
         for _ in range(30):
             there.now_s += 0.1
@@ -376,7 +376,7 @@ async def test_a_ground_station_that_spoke_first_keeps_nothing_from_the_vehicle(
         assert there.answered() == [1001, 1002]  # a vehicle that is not heard may hear us
 
 
-async def test_a_flood_does_not_take_the_place_of_a_vehicle_in_a_outage() -> None:
+async def test_a_flood_does_not_take_the_place_of_a_vehicle_in_an_outage() -> None:
     async with Received() as there:
         there.say(1001, _heartbeat(1))
         for _ in range(30):
@@ -396,7 +396,7 @@ async def test_a_flood_from_many_places_is_received_and_not_written_to() -> None
         assert there.sent[0] == 1001
 
 
-async def test_with_signatures_everybody_is_received_for_they_settle_who_is_believed() -> None:
+async def test_a_signed_link_receives_every_sender_since_signatures_decide() -> None:
     async with Received(signed=True) as there:
         there.say(1002, _heartbeat(1))
         there.say(1001, _heartbeat(1))

@@ -2,7 +2,6 @@
 
 import asyncio
 from functools import partial
-from types import TracebackType
 from typing import Any, Self
 
 import pytest
@@ -56,14 +55,9 @@ class TwoRadios:
             await radio.__aenter__()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         for radio in self._radios:
-            await radio.__aexit__(kind, error, trace)
+            await radio.__aexit__(*raised)
 
 
 class Ends:
@@ -256,7 +250,7 @@ def test_the_first_radio_dies_in_flight(autopilot: AutopilotName) -> None:
     run_virtual(scenario())
 
 
-async def test_what_cannot_be_opened_closes_the_others(free_tcp_port: int) -> None:
+async def test_a_link_that_cannot_be_opened_closes_the_others(free_tcp_port: int) -> None:
     address = LinkAddress("tcpin", host="127.0.0.1", port=free_tcp_port)
     with pytest.raises(LinkError, match="is in use"):
         await RedundantLink(

@@ -158,7 +158,7 @@ def test_other_errors_in_words(number: int, words: str) -> None:
     assert words in remedy(OSError(number, os.strerror(number)), "/dev/ttyX", 9)
 
 
-async def test_a_clogged_port_drops_what_comes_too_late(cable: Cable) -> None:
+async def test_a_clogged_port_drops_late_frames(cable: Cable) -> None:
     async with _link(cable.device) as link:
         for _ in range(100):
             link.write(bytes(1000))

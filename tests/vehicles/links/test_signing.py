@@ -72,7 +72,7 @@ MESSAGES = st.one_of(
 
 
 @given(MESSAGES)
-def test_what_we_sign_pymavlink_believes(message: Any) -> None:
+def test_pymavlink_believes_our_signatures(message: Any) -> None:
     codec = Codec(system_id=245, component_id=190)
     plain = _frame(codec.pack(message))
     raw = Signer(key=KEY, link_id=7).sign(plain, NOW)
@@ -88,7 +88,7 @@ def test_what_we_sign_pymavlink_believes(message: Any) -> None:
 
 
 @given(MESSAGES)
-def test_what_pymavlink_signs_we_believe_and_lay_bare(message: Any) -> None:
+def test_we_believe_and_remove_signatures_of_pymavlink(message: Any) -> None:
     raw = bytes(message.pack(_theirs(sign=True)))
     bare = Signer(key=KEY).check(_frame(raw), NOW)
     plain = bytes(message.pack(_theirs(sign=False)))
@@ -259,7 +259,7 @@ def test_forms_of_a_key(
 
 
 @pytest.mark.parametrize("raw", [b"", b"hunter2hunter2", b"\xff" * 31, b"passphrase:", b"zz" * 32])
-def test_what_is_no_key_is_refused_and_not_shown(tmp_path: Path, raw: bytes) -> None:
+def test_a_text_that_is_no_key_is_refused_and_not_shown(tmp_path: Path, raw: bytes) -> None:
     file = tmp_path / "key"
     file.write_bytes(raw)
     with pytest.raises(SigningKeyError, match="has no signing key") as caught:

@@ -52,7 +52,7 @@ async def test_the_port_is_free_after_closing(free_tcp_port: int) -> None:
             pass
 
 
-async def test_nobody_listens(free_tcp_port: int) -> None:
+async def test_a_port_without_a_listener_is_reported(free_tcp_port: int) -> None:
     with pytest.raises(LinkError, match=f"nothing listens on port {free_tcp_port}"):
         await _out(free_tcp_port).__aenter__()
 

@@ -168,7 +168,7 @@ def test_unknown_messages_pass_the_splitter_from_known_senders_only() -> None:
     assert codec.undecodable_frames == 1
 
 
-def test_names_for_people() -> None:
+def test_commands_results_and_messages_have_names() -> None:
     assert command_name(400) == "MAV_CMD_COMPONENT_ARM_DISARM"
     assert result_name(2) == "MAV_RESULT_DENIED"
     assert result_name(99) == "MAV_RESULT 99"

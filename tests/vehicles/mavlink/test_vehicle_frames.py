@@ -47,7 +47,7 @@ def test_state_of_a_second_vehicle_is_left_out() -> None:
     assert frames.are_two
 
 
-def test_relay_that_numbers_anew_what_it_changes_is_no_second_vehicle() -> None:
+def test_a_relay_that_renumbers_the_frames_it_changes_is_no_second_vehicle() -> None:
     """As long as its numbers do not pass those of the vehicle."""
     sent = []
     for tick in range(80):

@@ -7,7 +7,7 @@ import numpy as np
 from wil_campaign.vehicles.perception.depth_colors import color_depth
 
 
-def test_near_and_far_differ_and_what_was_not_measured_is_far() -> None:
+def test_near_and_far_differ_and_unmeasured_depth_is_far() -> None:
     depth_m = np.array([[0.0, 5.0, 20.0, 90.0], [np.nan, np.inf, 20.0, 20.0]], np.float32)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -103,7 +103,7 @@ def test_a_mask_follows_the_size_of_the_picture() -> None:
 @pytest.mark.parametrize(
     "wrong", [{"hue_deg": (-1.0, 5.0)}, {"saturation": (0.6, 0.5)}, {"value": (0.0, 1.5)}]
 )
-def test_ranges_that_are_none_are_refused(wrong: dict[str, tuple[float, float]]) -> None:
+def test_impossible_ranges_are_refused(wrong: dict[str, tuple[float, float]]) -> None:
     with pytest.raises(ValueError, match=next(iter(wrong))):
         HsvRange(**wrong)
 

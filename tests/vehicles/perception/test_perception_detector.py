@@ -14,9 +14,9 @@ from wil_campaign.vehicles.perception.detector import (
     Candidates,
     DetectorError,
     OnnxDetector,
-    best,
     decoded,
     letterboxed,
+    surest,
 )
 from wil_campaign.vehicles.perception.onnx_names import class_names
 
@@ -39,7 +39,9 @@ def picture(width: int = 64, height: int = 64) -> Any:
 
 @pytest.mark.parametrize("layout", ["v5", "v8"])
 @pytest.mark.parametrize("told", [True, False])
-def test_both_layouts_find_what_is_there(tmp_path: Path, layout: Kind, told: bool) -> None:
+def test_both_layouts_find_the_objects_in_an_image(
+    tmp_path: Path, layout: Kind, told: bool
+) -> None:
     found = detector(tmp_path, layout, layout=layout if told else "auto").detect(picture())
     boxes = {(one.name, one.left_px, one.top_px, one.right_px, one.bottom_px) for one in found}
     assert boxes == {("red", 0, 0, 32, 32), ("green", 32, 32, 64, 64)}
@@ -213,11 +215,49 @@ def test_candidates_that_are_not_finite_are_left_out() -> None:
     assert len(decoded(rows, 2, "v5").scores) == 1
 
 
+def best(found: Candidates, threshold: float, overlap: float) -> list[tuple[int, float, Any]]:
+    kept = surest(found, threshold, overlap)
+    return [(int(found.kinds[i]), float(found.scores[i]), found.boxes[i]) for i in kept]
+
+
+@pytest.mark.parametrize("layout", ["v5", "v8", "end2end"])
+@pytest.mark.parametrize("size", [(64, 64), (64, 32), (40, 80)])
+def test_a_network_of_instance_segmentation_gives_masks(
+    tmp_path: Path, layout: Kind, size: tuple[int, int]
+) -> None:
+    """Red is a disc: its mask is the disc, within the prototypes' cells, and not the box."""
+    path = tmp_path / "seg.onnx"
+    path.write_bytes(tiny_detector(layout, masks=True))
+    network = OnnxDetector(
+        path, names=NAMES, input_px=(INPUT_PX, INPUT_PX), layout=layout, threshold=0.25
+    )
+    wide, high = size
+    v, u = np.mgrid[0:high, 0:wide]
+    scale = max(size) / INPUT_PX
+    centre = wide / 4, high / 2 - (5 * scale if wide == high else 0.25 * high)
+    image = np.full((high, wide, 3), (255, 0, 0), np.uint8)
+    disc = (u - centre[0]) ** 2 + (v - centre[1]) ** 2 < (6.5 * scale) ** 2
+    image[disc] = (0, 0, 255)
+    found = [one for one in network.detect(image) if one.name == "red"]
+    masks = [one.mask for one in found if one.mask is not None]
+    assert masks
+    assert all(mask.shape == (high, wide) and mask.dtype == np.uint8 for mask in masks)
+    shown = np.any([mask != 0 for mask in masks], axis=0)
+    box = np.zeros_like(shown)
+    for one in found:
+        rows, columns = (one.top_px, one.bottom_px), (one.left_px, one.right_px)
+        box[slice(*map(round, rows)), slice(*map(round, columns))] = True
+    assert not (shown & ~box).any()
+    wrong = (shown != disc) & box
+    assert wrong.sum() <= 0.2 * (disc & box).sum()
+    assert (box & ~disc).sum() > 2 * wrong.sum()
+
+
 boxes = st.tuples(*[st.floats(0, 50, width=32)] * 2, *[st.floats(1, 50, width=32)] * 2)
 
 
 @given(st.lists(st.tuples(boxes, st.floats(0, 1, width=32), st.integers(0, 2)), max_size=20))
-def test_of_boxes_that_cover_each_other_the_surest_stays(given_boxes: Any) -> None:
+def test_the_surest_of_boxes_that_cover_each_other_stays(given_boxes: Any) -> None:
     n = len(given_boxes)
     array = np.array([b for b, _, _ in given_boxes], np.float32).reshape(n, 4)
     array[:, 2:] += array[:, :2]
@@ -239,7 +279,7 @@ def test_of_boxes_that_cover_each_other_the_surest_stays(given_boxes: Any) -> No
         assert found[0][1] == scores.max()
 
 
-def test_boxes_at_the_end_of_what_a_single_holds_are_no_overflow() -> None:
+def test_boxes_at_the_largest_single_are_no_overflow() -> None:
     huge = float(np.finfo(np.float32).max)
     boxes = np.array([[-huge, -huge, huge, huge]] * 2, np.float32)
     scores, kinds = np.array([0.9, 0.8], np.float32), np.array([0, 0])

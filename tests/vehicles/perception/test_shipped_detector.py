@@ -48,7 +48,7 @@ def overlap(a: Box, b: Box) -> float:
         ("avoid", "intruder", "quadrotor", np.arange(4.2, 7.0, 0.11)),
     ],
 )
-def test_what_a_campaign_has_before_the_camera_is_found(
+def test_the_shipped_detector_finds_the_things_of_shipped_campaigns(
     world: str, thing: str, name: str, times: np.ndarray
 ) -> None:
     detector = shipped_detector(threshold=0.5)
@@ -78,7 +78,7 @@ def test_an_empty_cage_has_nobody_in_it() -> None:
         assert detector.detect(image) == ()
 
 
-def test_a_threshold_leaves_out_what_is_less_sure() -> None:
+def test_a_threshold_drops_less_sure_boxes() -> None:
     ((image, _),) = frames("follow", "person", np.array([0.0]))
     (sure, *_) = shipped_detector(threshold=0.1).detect(image)
     assert sure.name in NAMES

@@ -92,7 +92,7 @@ def test_average_takes_the_last_second_and_goes_round_the_circle() -> None:
     assert average.rate_hz == pytest.approx(50.0, abs=1e-6)
 
 
-def test_average_refuses_what_cannot_be_averaged() -> None:
+def test_an_average_refuses_poses_that_cannot_be_averaged() -> None:
     average = PoseAverage()
     assert average.rate_hz == 0.0
     with pytest.raises(AnchorError, match="only 0"):

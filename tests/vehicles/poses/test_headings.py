@@ -98,7 +98,7 @@ def test_magnetometer_shows_a_ground_that_was_magnetic() -> None:
     assert math.degrees(found[-1].turned_rad) == pytest.approx(-40.0, abs=0.5)
 
 
-def test_magnetometer_is_compared_at_any_attitude_and_not_where_the_field_is_vertical() -> None:
+def test_the_magnetometer_is_compared_at_any_attitude_but_in_no_vertical_field() -> None:
     comparison = HeadingComparison()
     flown(comparison, 1.0)
     comparison.anchor()

@@ -44,7 +44,7 @@ def test_predicts_by_velocity_for_a_short_time_only() -> None:
     assert late.gap_s == pytest.approx(0.05)
 
 
-def test_without_velocity_nothing_is_predicted() -> None:
+def test_nothing_is_predicted_without_velocity() -> None:
     history = PoseHistory(1.0)
     history.add(0.0, _moving(0.0))
     assert history.at(0.01).kind == "latest"
@@ -60,7 +60,7 @@ def test_gaps_are_not_bridged() -> None:
     assert history.at(0.0).pose == _moving(0.0)
 
 
-def test_before_all_samples_and_without_any_there_is_none() -> None:
+def test_there_is_no_pose_before_all_samples_or_without_any() -> None:
     empty = PoseHistory(1.0).at(3.0)
     assert (empty.pose, empty.kind, empty.gap_s) == (None, "none", math.inf)
     assert PoseHistory(1.0).latest().kind == "none"

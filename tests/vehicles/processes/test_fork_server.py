@@ -107,7 +107,7 @@ async def ended(process: ChildProcess) -> int | None:
 
 
 @pytest.mark.usefixtures("patient")
-async def test_a_forked_process_is_what_a_started_one_is(tmp_path: Path) -> None:
+async def test_a_forked_process_equals_a_started_one(tmp_path: Path) -> None:
     reading, writing = os.pipe()
     stdin, words = os.pipe()
     os.write(words, b"asked for\n")

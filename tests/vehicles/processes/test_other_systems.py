@@ -91,7 +91,7 @@ def test_a_doctor_looks_at_other_systems_too(tmp_path: Path) -> None:
     ("clock", "code", "said"),
     [("virtual", 0, "PASS"), ("wall", 3, "only Linux runs vehicles in processes of their own")],
 )
-def test_elsewhere_runs_fly_in_virtual_time_alone(
+def test_runs_on_other_systems_fly_in_virtual_time_alone(
     tmp_path: Path, clock: str, code: int, said: str
 ) -> None:
     path = write_hover(tmp_path)
@@ -102,7 +102,7 @@ def test_elsewhere_runs_fly_in_virtual_time_alone(
     assert said in done.stdout + done.stderr
 
 
-def test_what_linux_alone_has_is_used_in_one_module() -> None:
+def test_functions_of_linux_alone_are_used_in_one_module() -> None:
     found = {}
     for path in sources():
         place = str(path.relative_to(ROOT))

@@ -93,7 +93,7 @@ async def test_a_process_that_ignores_sigterm_is_killed(tmp_path: Path) -> None:
     assert how_it_ended(process.exit_code) == "was ended by SIGKILL"
 
 
-async def test_one_that_is_released_goes_on() -> None:
+async def test_a_released_process_goes_on() -> None:
     process = child("import time; time.sleep(60)")
     process.start()
     assert await process.wait(0.05) is None
@@ -107,7 +107,7 @@ async def test_one_that_is_released_goes_on() -> None:
     assert not known.lives
 
 
-def test_what_only_linux_has_is_refused_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_functions_of_linux_alone_are_refused_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "darwin")
     for refused in (
         lambda: linux.die_with_parent(signal.SIGTERM),
@@ -138,7 +138,7 @@ def test_a_process_rises_as_far_as_it_may(granted: str, monkeypatch: pytest.Monk
     assert all(policy & os.SCHED_RESET_ON_FORK for policy in policies)
 
 
-def test_what_a_risen_process_starts_is_scheduled_normally() -> None:
+def test_a_child_of_a_risen_process_is_scheduled_normally() -> None:
     show = "import os; print(os.sched_getscheduler(0) & 7, os.nice(0))"
     program = (
         "import os, subprocess, sys\n"

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wil_campaign.vehicles.readings import (
-    SENSOR_TYPES,
     CameraReading,
     DepthReading,
     GpsReading,
@@ -19,9 +18,11 @@ from wil_campaign.vehicles.readings import (
     LidarPointsReading,
     LidarScanReading,
     MicrophoneReading,
+    NumbersReading,
     PoseReading,
     RangefinderReading,
     Reading,
+    reading_types,
     samples_from_pressure,
     sensor_type_of,
 )
@@ -56,8 +57,9 @@ NAN, INF = math.nan, math.inf
 
 
 def test_the_table_names_every_kind_of_reading_once() -> None:
-    assert set(SENSOR_TYPES.values()) == set(get_args(Reading))
-    assert [SENSOR_TYPES[sensor_type_of(reading)] for reading in ALL] == [type(r) for r in ALL]
+    types = reading_types()
+    assert {*types.values(), NumbersReading} == set(get_args(Reading))
+    assert [types[sensor_type_of(reading)] for reading in ALL] == [type(r) for r in ALL]
 
 
 @pytest.mark.parametrize("reading", ALL, ids=sensor_type_of)
@@ -145,7 +147,9 @@ BAD: list[tuple[Reading, dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("reading", "changes", "kind"), BAD)
-def test_what_is_wrong_is_named(reading: Reading, changes: dict[str, Any], kind: str) -> None:
+def test_the_fault_of_a_bad_reading_is_named(
+    reading: Reading, changes: dict[str, Any], kind: str
+) -> None:
     fault = fault_of(replace(reading, **changes))
     assert fault is not None
     assert fault.kind == kind

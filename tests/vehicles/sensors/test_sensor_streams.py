@@ -120,7 +120,7 @@ def test_a_sensor_samples_at_its_ticks_and_delivers_when_it_says() -> None:
         assert reading.rates_frd_rad_s[0] == pytest.approx(reading.t_s)
 
 
-def test_without_latency_a_reading_still_waits_for_its_truth() -> None:
+def test_a_reading_without_latency_still_waits_for_its_truth() -> None:
     stream = SensorStream(
         sensor=ImuSensor(source="real", timing=Timing(rate_hz=200.0)),
         track=track(250.0, 2.0),

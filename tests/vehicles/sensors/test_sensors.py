@@ -171,7 +171,7 @@ def test_a_scan_sees_the_wall_where_it_is() -> None:
     assert fault_of(reading) is None
 
 
-def test_points_lie_on_what_the_beams_met() -> None:
+def test_points_lie_on_surfaces_that_the_beams_met() -> None:
     sensor = LidarPointsSensor(
         source="twin", cast=box_room, pattern=GridPattern(columns=60, rings=5)
     )
@@ -226,7 +226,7 @@ def test_dropouts_and_outliers_come_as_often_as_asked() -> None:
     assert early.mean() == pytest.approx(0.2, abs=0.01)
 
 
-def test_what_one_beam_meets_does_not_shift_the_noise_of_another() -> None:
+def test_a_beam_that_meets_nothing_does_not_shift_the_noise_of_another() -> None:
     full = np.full(50, 5.0, np.float32)
     holed = full.copy()
     holed[3] = np.inf
@@ -299,7 +299,7 @@ def test_rotors_sound_at_their_blade_pass_frequency() -> None:
         assert around.max() > 20 * np.median(spectrum)
 
 
-def test_loudness_at_hover_is_what_was_asked_and_falls_with_the_square_of_speed() -> None:
+def test_loudness_at_hover_is_as_requested_and_falls_with_the_square_of_speed() -> None:
     sound = replace(RotorSound(), broadband_db=-math.inf)
     levels = []
     for speed in (469.0, 234.5):

@@ -47,7 +47,7 @@ def test_a_sender_that_starts_anew_is_taken_as_it_is(jump_s: float) -> None:
     assert clock.resets == 1
 
 
-def test_a_late_one_is_late_and_not_a_new_start() -> None:
+def test_a_late_sample_is_late_and_not_a_new_start() -> None:
     clock = ArrivalClock()
     clock.run_time(100.0, 1.0)
     assert clock.run_time(101.0, 4.0) == pytest.approx(2.0)

@@ -65,7 +65,9 @@ def written(path: Path, one: Chunk) -> Path:
         (chunk(struct.pack("<BQ", 0, 0) * 600, 5_400, ""), "more than 500 records"),
     ],
 )
-def test_what_states_too_much_is_refused(one: Chunk, said: str, tmp_path: Path) -> None:
+def test_a_chunk_that_states_too_many_bytes_is_refused(
+    one: Chunk, said: str, tmp_path: Path
+) -> None:
     tracemalloc.start()
     with pytest.raises(ChunkLimitError, match=said):
         list(chunk_records(one))

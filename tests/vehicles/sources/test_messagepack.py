@@ -96,7 +96,7 @@ def test_known_kinds_of_garbage_are_refused(data: bytes) -> None:
 
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), True, "1", None, 10**400])
-def test_what_is_no_finite_number_is_refused(number: object) -> None:
+def test_a_value_that_is_no_finite_number_is_refused(number: object) -> None:
     with pytest.raises(BadMessageError, match="finite"):
         Header({"t_s": number}).number("t_s")
     with pytest.raises(BadMessageError, match="finite"):

@@ -80,7 +80,7 @@ def test_ids_and_depth_are_where_our_renderer_has_them(
     assert np.isinf(seen.depth_m[seen.object_ids == 0]).all()
 
 
-def test_what_moves_is_drawn_where_it_was_asked(simulator: MujocoSimulator) -> None:
+def test_a_moved_object_is_drawn_where_it_was_requested(simulator: MujocoSimulator) -> None:
     greet(simulator, BLOCK_AND_GATE)
     moved = Pose.of(3.0, 0.2, 1.0, yaw_rad=0.4)
     camera, pose = CAMERAS["straight"], POSES[0]
@@ -91,7 +91,7 @@ def test_what_moves_is_drawn_where_it_was_asked(simulator: MujocoSimulator) -> N
     assert np.count_nonzero(seen.object_ids != ours.object_ids) <= 5
 
 
-def test_what_it_cannot_draw_is_refused(simulator: MujocoSimulator) -> None:
+def test_a_shape_that_it_cannot_draw_is_refused(simulator: MujocoSimulator) -> None:
     ring = Scene((SceneObject(2, "gate", gate("ring", 1.0, 0.1), Pose.of(3.0, 0.0, 1.2)),))
     hello = hello_parts(asked_world(ring, world="gate", case="large"))
     reply = simulator.reply([bytes(part) for part in hello])

@@ -310,7 +310,7 @@ class RtspServer:
         ("film.mp4", "is not a live camera"),
     ],
 )
-async def test_what_cannot_be_opened_says_what_to_do(address: str, words: str) -> None:
+async def test_a_stream_that_cannot_be_opened_is_refused_in_words(address: str, words: str) -> None:
     with pytest.raises(SourceError, match=words):
         async with live_camera(address, intrinsics=CAMERA, open_timeout_s=20.0):
             pass

@@ -117,7 +117,7 @@ def pair(request: pytest.FixtureRequest) -> tuple[dict[str, Any], dict[str, Any]
     return golden, ours
 
 
-def test_says_who_it_is(pair: tuple[dict[str, Any], dict[str, Any]]) -> None:
+def test_it_identifies_itself(pair: tuple[dict[str, Any], dict[str, Any]]) -> None:
     golden, ours = pair
     assert ours["identity"] == golden["identity"]
 

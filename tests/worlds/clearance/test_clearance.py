@@ -138,7 +138,7 @@ def test_both_move_round_a_corner(a: Pose, b: Pose, via: Vec3, end: Vec3, yaw: f
     assert dense - 0.05 <= swept <= dense + EXACT_M
 
 
-def test_what_jumps_is_measured_before_and_after() -> None:
+def test_a_thing_that_jumps_is_measured_before_and_after() -> None:
     """A speed that carries a thing from here to there in no time ends no search."""
     motion = Motion(Pose.of(3, 0, 0), (Waypoint((3.0, 9.0, 0.0), 1e30),), StartAt(0.3))
     scene = one(shapes.gate("square", 0.6, 0.1), motion.begin, motion)
@@ -209,7 +209,7 @@ def test_flying_out_through_a_wall_or_a_corner_is_contact() -> None:
     assert least(probe.sweep(Pose.of(2, 2, 1), 0.0, Pose.of(9, 9, 1), 0.1)) == 0.0
 
 
-def test_what_is_far_or_excluded_is_not_reported() -> None:
+def test_a_far_or_excluded_thing_is_not_reported() -> None:
     scene = one(shapes.gate("square", 1.0, 0.1), Pose.of(30, 0, 1.2))
     still = Pose.of(0, 0, 1)
     assert ClearanceProbe(scene, BODY).sweep(still, 0.0, still, 1.0) == ()

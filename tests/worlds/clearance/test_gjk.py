@@ -73,7 +73,7 @@ def test_a_hovering_box_beside_a_bar_is_where_it_is() -> None:
 
 
 @given(positions, positions)
-def test_two_points(a: Vec3, b: Vec3) -> None:
+def test_the_distance_of_two_points_is_exact(a: Vec3, b: Vec3) -> None:
     distance, _, _ = convex_distance(np.array([a]), np.array([b]))
     assert distance == pytest.approx(math.dist(a, b), abs=2 * PRECISION_M)
 

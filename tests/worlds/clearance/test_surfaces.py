@@ -63,7 +63,7 @@ def test_the_nearest_of_all_is_found(seed: int, count: int) -> None:
 
 @settings(max_examples=40, deadline=None)
 @given(seeds)
-def test_it_is_what_fcl_says(seed: int) -> None:
+def test_the_distance_to_a_surface_is_that_of_fcl(seed: int) -> None:
     rng = np.random.default_rng(seed)
     corners, pose = rng.normal(size=(30, 3)), random_pose(rng)
     faces = np.arange(30, dtype=np.int32).reshape(-1, 3)
@@ -99,7 +99,7 @@ def test_a_sweep_is_beyond_exactly_when_its_hull_is(seed: int, count: int, m: fl
 
 
 @given(seeds, counts)
-def test_the_tree_holds_every_triangle_and_boxes_hold_what_is_below(seed: int, count: int) -> None:
+def test_the_tree_holds_every_triangle_and_boxes_hold_their_children(seed: int, count: int) -> None:
     corners, faces = soup(np.random.default_rng(seed), count)
     triangles, boxes = triangle_tree(corners, faces)
     assert {each.tobytes() for each in triangles} == {each.tobytes() for each in corners[faces]}

@@ -166,7 +166,7 @@ def test_aliases_and_merge_keys_are_written_out() -> None:
         ("# nothing\n", "x.yaml: is empty"),
     ],
 )
-def test_what_is_no_document_is_reported_with_its_place(text: str, said: str) -> None:
+def test_a_broken_document_is_reported_with_its_place(text: str, said: str) -> None:
     found = faults(text)
     assert len(found) == 1
     assert found[0].startswith(said)
@@ -201,7 +201,7 @@ def test_aliases_do_not_get_round_the_depth() -> None:
         ("a: 1".encode("utf-16"), "x.yaml: is not text (it has NUL bytes)"),
     ],
 )
-def test_what_is_no_text_is_reported(content: bytes, said: str) -> None:
+def test_a_file_that_is_no_text_is_reported(content: bytes, said: str) -> None:
     with pytest.raises(BadInput) as caught:
         parse(content, name="x.yaml")
     assert [p.headline for p in caught.value.problems] == [said]
@@ -518,7 +518,7 @@ def test_a_place_within_a_text(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", [r'a: {f: "one \t two"}', "a: {f: 5}"])
-def test_a_place_within_what_cannot_be_followed_is_its_beginning(text: str) -> None:
+def test_a_place_within_an_escaped_value_is_its_beginning(text: str) -> None:
     assert doc(text).problem_within(("a", "f"), 7, "here").column == 8
 
 

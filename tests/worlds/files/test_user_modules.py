@@ -143,7 +143,7 @@ def test_a_copy_of_a_shipped_folder_and_a_shipped_file_are_loaded_as_the_users(
         assert str(vars(found)["__module__"]).startswith("wil_user_")
 
 
-def test_what_is_on_the_path_is_imported_as_ever(
+def test_a_module_on_the_path_is_imported_as_usual(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(str(write(tmp_path / "path", elsewhere_of_ours="V = 1")))
@@ -258,7 +258,7 @@ def test_each_file_that_code_of_the_users_runs_is_known(
     assert found[there / "helper_of_ours.py"] == f"sha256:{hashlib.sha256(content).hexdigest()}"
 
 
-def test_a_module_that_somebody_else_imported_before_is_known(
+def test_a_module_that_other_code_imported_before_is_known(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(str(write(tmp_path / "path", before_of_ours="V = 1")))
@@ -268,7 +268,7 @@ def test_a_module_that_somebody_else_imported_before_is_known(
     assert tmp_path / "path" / "before_of_ours.py" in user_files(folder)
 
 
-def test_what_is_installed_is_not_the_users_own(tmp_path: Path) -> None:
+def test_an_installed_package_is_no_file_of_the_user(tmp_path: Path) -> None:
     folder = write(tmp_path, mine="import json, numpy, wil_campaign.api\nSEEN = 1")
     seen(folder)
     assert set(user_files(folder)) == {folder / "mine.py"}

@@ -30,13 +30,13 @@ def test_a_slanted_ray_is_as_long_as_its_way() -> None:
     assert hits.ranges_m[0] == pytest.approx(np.sqrt(2.0), abs=1e-5)
 
 
-def test_what_meets_nothing_is_infinite() -> None:
+def test_a_ray_that_meets_nothing_is_infinite() -> None:
     hits = RayCaster(Scene()).cast(AT, np.stack([NORTH, DOWN]), 0.0)
     assert np.isinf(hits.ranges_m).all()
     assert hits.object_ids.tolist() == [0, 0]
 
 
-def test_what_moves_is_met_where_it_is() -> None:
+def test_a_ray_meets_a_moving_thing_where_it_is() -> None:
     way = Motion(Pose.of(2, 0, 1), (Waypoint((2.0, 1.5, -1.0), 1.0),))
     box = SceneObject(9, "box", shapes.box((0.5, 0.5, 0.5)), way.begin, way)
     caster = RayCaster(Scene((ROOM, box)))

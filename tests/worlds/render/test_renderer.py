@@ -182,7 +182,7 @@ def test_threads_and_repeats_give_equal_bits() -> None:
     assert_same(Renderer(cage_scene()).render(POSES[1], VGA, 0.0), single[1])
 
 
-def test_what_is_not_wanted_is_none_and_changes_nothing() -> None:
+def test_outputs_that_are_not_wanted_are_none_and_change_nothing() -> None:
     renderer = Renderer(cage_scene())
     full = renderer.render(POSES[0], VGA, 0.0)
     bare = renderer.render(POSES[0], VGA, 0.0, want_depth=False, want_ids=False)
@@ -224,7 +224,7 @@ def test_an_empty_scene_is_sky_over_ground() -> None:
     assert int(sky.sum()) > int(ground.sum())
 
 
-def test_both_sides_of_a_face_are_lit_by_what_is_seen() -> None:
+def test_both_sides_of_a_face_are_lit_alike() -> None:
     """A sheet seen from its back is lit as one that faces the viewer."""
     paint = meshes.Material((200, 200, 200))
     front = meshes.quad((1.0, 0.0, 0.0), (0, 1.0, 0), (0, 0, -1.0), paint)

@@ -28,7 +28,7 @@ def test_the_limbs_are_the_whole_person() -> None:
 
 
 @pytest.mark.parametrize("joint", JOINTS)
-def test_who_stands_before_and_after_the_way_stands_upright(joint: Joint) -> None:
+def test_a_person_stands_upright_before_and_after_the_way(joint: Joint) -> None:
     for stride in (None, Stride(0.0, 3.0, 1.4), Stride(3.0, 3.0, 1.4)):
         pose = limb_pose(joint, stride)
         assert norm(pose.position_ned_m) < 1e-9

@@ -85,7 +85,7 @@ def test_a_loop_leads_back_and_round() -> None:
     assert place(motion, 401.5) == pytest.approx((1.5, 0.0, -1.0))
 
 
-def test_what_is_tilted_stays_so_on_the_way_back() -> None:
+def test_a_tilted_thing_stays_tilted_on_the_way_back() -> None:
     motion = Motion(TILTED, (Waypoint((2.0, 0.0, -1.0), 1.0),), loop=True)
     for t_s in (0.5, 2.0, 3.0, 3.999, 4.001, 7.5):
         assert motion.pose_at(t_s, {}).q_wxyz == pytest.approx(TILTED.q_wxyz)
@@ -93,7 +93,7 @@ def test_what_is_tilted_stays_so_on_the_way_back() -> None:
 
 
 @pytest.mark.parametrize("yaw_rad", [1.2, -2.8])
-def test_what_is_tilted_turns_about_the_vertical(yaw_rad: float) -> None:
+def test_a_tilted_thing_turns_about_the_vertical(yaw_rad: float) -> None:
     there = Waypoint((4.0, 0.0, -1.0), 1.0, yaw_rad)
     motion = Motion(TILTED, (there,), loop=True)
     roll_rad, pitch_rad, _ = euler_from_quat(TILTED.q_wxyz)
@@ -103,7 +103,7 @@ def test_what_is_tilted_turns_about_the_vertical(yaw_rad: float) -> None:
     assert angle_between(closed.q_wxyz, TILTED.q_wxyz) < 1e-6
 
 
-def test_what_looks_straight_up_turns_too() -> None:
+def test_a_thing_that_looks_straight_up_turns_too() -> None:
     up = Pose.of(0, 0, 1, yaw_rad=0.4, pitch_rad=math.pi / 2)
     motion = Motion(up, (Waypoint((4.0, 0.0, -1.0), 1.0, 1.4),))
     wanted = Pose.of(4, 0, 1, yaw_rad=1.4, pitch_rad=math.pi / 2)

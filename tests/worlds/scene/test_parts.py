@@ -59,7 +59,7 @@ def test_it_crosses_exactly_when_the_side_changes(a: Vec3, b: Vec3) -> None:
 
 
 @given(st.lists(points, min_size=3, max_size=12))
-def test_of_consecutive_steps_exactly_one_crosses(path: list[Vec3]) -> None:
+def test_exactly_one_of_consecutive_steps_crosses(path: list[Vec3]) -> None:
     """Crossings alternate, and their sum is the change of side, also for points in the plane."""
     steps = [SQUARE.crossing(a, b) for a, b in pairwise(path)]
     total = sum(step.direction for step in steps if step is not None)

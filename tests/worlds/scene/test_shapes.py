@@ -71,7 +71,7 @@ def part_corners(shape: Shape) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", ["square gate", "ring gate", "box", "quadrotor", "person"])
-def test_what_is_drawn_is_what_can_be_touched(name: str) -> None:
+def test_the_drawn_shape_is_the_shape_that_can_be_touched(name: str) -> None:
     shape = ALL[name]
     drawn = np.unique(np.round(shape.mesh.vertices_m, 6), axis=0)
     touched = np.unique(np.round(part_corners(shape), 6), axis=0)

@@ -53,7 +53,7 @@ def test_the_shipped_hall_has_every_built_in_thing() -> None:
 
 
 @pytest.mark.parametrize("page", ["worlds.md", "campaigns.md"])
-def test_what_the_pages_show_is_a_world(page: str, tmp_path: Path) -> None:
+def test_the_worlds_on_the_pages_are_worlds(page: str, tmp_path: Path) -> None:
     (tmp_path / "models").mkdir()
     tetrahedron(tmp_path / "models" / "shelf.obj")
     blocks = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / page).read_text("utf-8"), re.DOTALL)
@@ -105,7 +105,7 @@ def test_every_shape_and_colour_form() -> None:
     assert scene["who"].pose.yaw_rad == pytest.approx(math.pi / 2)
 
 
-def test_a_motion_script() -> None:
+def test_a_motion_starts_at_its_event_and_follows_its_waypoints() -> None:
     text = """\
   who:
     shape: {person: {}}
@@ -232,7 +232,7 @@ def test_a_mesh_that_cannot_be_read_is_a_fault(tmp_path: Path, suffix: str, cont
     assert len(problem.message) < 300
 
 
-def test_what_is_transparent_is_named_with_its_line_until_the_world_takes_it_for_opaque(
+def test_a_transparent_mesh_is_named_unless_the_world_takes_it_for_opaque(
     tmp_path: Path,
 ) -> None:
     (tmp_path / "t.mtl").write_text("newmtl glass\nKd 0 0 1\nd 0.4\n")
@@ -296,7 +296,7 @@ def test_a_misspelt_path_is_mended_as_it_was_written(tmp_path: Path, above: str)
     assert faults(elsewhere, tmp_path / "none")[0].suggestion == str(place / "shelf.obj")
 
 
-def test_colours() -> None:
+def test_a_colour_is_read_and_a_wrong_one_is_refused() -> None:
     assert parse_color("#ff8000") == (255, 128, 0)
     for wrong in ("#ff80", "Orange ", [1, 2, 3, 4], [-1, 0, 0]):
         with pytest.raises(ValueError, match="colour"):
@@ -329,7 +329,7 @@ def test_speeds_are_those_of_the_file_until_the_world_has_a_seed() -> None:
     assert 0.3 < drawn[0] < 1.7
 
 
-def test_who_walks_has_limbs_and_who_stands_is_one_body() -> None:
+def test_a_walking_person_has_limbs_and_a_standing_one_is_one_body() -> None:
     walking = world(WALKS).scene("sim", "Wv")
     assert len(walking.bodies) == 9
     assert {body.scene_object.name for body in walking.bodies} == {"who"}

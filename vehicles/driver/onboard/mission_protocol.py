@@ -265,7 +265,6 @@ _HOME = MissionItem(command=mavlink.MAV_CMD_NAV_WAYPOINT, frame=mavlink.MAV_FRAM
 
 
 def _read_item(message: Any) -> MissionItem:
-    """Return the mission item in a MISSION_ITEM_INT."""
     return MissionItem(
         command=message.command,
         frame=message.frame,

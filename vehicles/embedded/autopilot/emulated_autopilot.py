@@ -3,6 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -53,6 +54,17 @@ _LONGEST_INTERVAL_US = 2**31 - 1
 """Intervals in MESSAGE_INTERVAL are signed 32-bit integers."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Aircraft:
+    """What an emulated autopilot flies. overrides: of its parameters. dt_s: of a physics step."""
+
+    identity: Identity
+    airframe: Airframe
+    dt_s: float
+    charge: Charge
+    overrides: Mapping[str, float]
+
+
 class EmulatedAutopilot(ABC):
     """An emulated autopilot between MAVLink messages and motor thrusts.
 
@@ -71,18 +83,14 @@ class EmulatedAutopilot(ABC):
     """When the GPS receiver has the time of day, s since boot."""
 
     def __init__(
-        self,
-        *,
-        identity: Identity,
-        airframe: Airframe,
-        dt_s: float,
-        charge: Charge,
-        parameters: Parameters,
-        rates_hz: Mapping[int, float],
+        self, aircraft: Aircraft, *, parameters: Parameters, rates_hz: Mapping[int, float]
     ) -> None:
-        self.identity = identity
+        self.identity = identity = aircraft.identity
+        airframe, dt_s = aircraft.airframe, aircraft.dt_s
         self.parameters = parameters
-        self.state = State(frame=identity.origin, charge=charge, max_thrust_n=airframe.max_thrust_n)
+        self.state = State(
+            frame=identity.origin, charge=aircraft.charge, max_thrust_n=airframe.max_thrust_n
+        )
         self.flight = Flight(style=self.style, airframe=airframe, dt_s=dt_s, parameters=parameters)
         self.streams = StreamIntervals(rates_hz, shortest_s=dt_s)
         self.outbox = Outbox(count_all=self.is_px4)
@@ -148,7 +156,6 @@ class EmulatedAutopilot(ABC):
         return bool(heartbeat.type == mavlink.MAV_TYPE_GCS)
 
     def _sends_texts(self) -> bool:
-        """Return whether the emulated autopilot sends its peer STATUSTEXT."""
         return True
 
     def _split_mode(self, custom_mode: int) -> tuple[int, int]:

@@ -8,8 +8,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import EmulatedAutopilot
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft, EmulatedAutopilot
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, Wanted
 from wil_campaign.vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import load_parameters
@@ -32,8 +31,6 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     on_request,
 )
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL
-from wil_campaign.vehicles.embedded.physics.airframe import Airframe
-from wil_campaign.vehicles.embedded.physics.battery import Charge
 from wil_campaign.worlds.frames import Vec3
 
 
@@ -67,27 +64,11 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
     manoeuvres: Manoeuvres
     follow: Follow
 
-    def __init__(
-        self,
-        *,
-        identity: Identity,
-        airframe: Airframe,
-        dt_s: float,
-        charge: Charge,
-        overrides: Mapping[str, float],
-        rates_hz: Mapping[int, float],
-        mode: Mode,
-    ) -> None:
-        super().__init__(
-            identity=identity,
-            airframe=airframe,
-            dt_s=dt_s,
-            charge=charge,
-            parameters=load_parameters(
-                self.parameter_file, bytewise=self.is_px4, overrides=overrides
-            ),
-            rates_hz=rates_hz,
+    def __init__(self, aircraft: Aircraft, *, rates_hz: Mapping[int, float], mode: Mode) -> None:
+        parameters = load_parameters(
+            self.parameter_file, bytewise=self.is_px4, overrides=aircraft.overrides
         )
+        super().__init__(aircraft, parameters=parameters, rates_hz=rates_hz)
         self.mode = mode
         self.failsafe = False
         self.sticks: Sticks | None = None

@@ -1,6 +1,7 @@
 """The vehicle's body: physics, wind, battery, estimator and contacts; no MAVLink."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -61,6 +62,7 @@ class Body:
             rng=air_rng,
         )
         self._still_air = not any(profile.air.sigma_m_s)
+        self._mean_wind: Callable[[], Vec3] | None = None
         array = self._plant.array
         self._estimator = Estimator(
             noise=profile.estimator, rate_hz=PHYSICS_HZ, rng=estimator_rng, body=array
@@ -95,9 +97,7 @@ class Body:
         self._steps += 1
         if self._steps % (PHYSICS_HZ // _AIR_HZ) == 0:
             self.battery.drain(sum(thrusts), 1.0 / _AIR_HZ)
-            if not self._still_air:
-                north, east, down = self._air.advance()
-                self._plant.set_wind((north, east, down))
+            self._blow()
         estimator = self._estimator
         if self._is_resting():
             estimate = estimator.estimate(self._motion)
@@ -143,9 +143,23 @@ class Body:
             self._plant.thrusts(),
         )
 
+    def blown_by(self, wind_ned_m_s: Callable[[], Vec3]) -> None:
+        """Add a wind to the air's own: towards north, east and down; asked 25 times a second."""
+        self._mean_wind = wind_ned_m_s
+        self._still_air = False
+
     def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
         """Multiply the thrust of one motor of the body by this factor from now on."""
         self._plant.fail_motor(index, factor=factor)
+
+    def _blow(self) -> None:
+        """Set the wind: the profile's gusts, and a mean wind where there is one."""
+        if self._still_air:
+            return
+        north, east, down = self._air.advance()
+        if self._mean_wind is not None:
+            north, east, down = add((north, east, down), self._mean_wind())
+        self._plant.set_wind((north, east, down))
 
     def _to_world(self, vector: Vec3) -> Vec3:
         return rotate(self._turn, vector) if self._turn_rad else vector

@@ -94,7 +94,6 @@ class RecordedReadings:
         return replace(reading, t_s=t_s, arrived_s=now_s, seq=self._seq, source=self._side)
 
     async def _read_first(self) -> Reading:
-        """Return the recording's first reading. Raises SourceError without one."""
         if (reading := await self._read_next_faultless()) is None:
             raise SourceError(f"{self.name}: has no usable reading")
         return reading

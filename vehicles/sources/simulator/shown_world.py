@@ -72,7 +72,7 @@ def shown_objects(scene: Scene) -> dict[str, ShownObject]:
     for placed in scene.objects:
         corners_m = placed.shape.mesh.vertices_m
         north, east, down = (corners_m.max(axis=0) - corners_m.min(axis=0)).tolist()
-        openings = placed.shape.openings
+        openings = [one for one in placed.shape.openings if one.form != "polygon"]
         found[placed.name] = ShownObject(
             kind=placed.shape.kind,
             size_m=(north, east, down),

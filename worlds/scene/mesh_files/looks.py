@@ -166,7 +166,7 @@ class Painter:
             what = "has cut-outs" if look.alpha_of == "cut-outs" else "is transparent"
             raise UnsupportedMeshError(
                 f"material '{look.name}' {what} (alpha {alpha:.2g}), which is not drawn; make it "
-                "opaque, or write 'transparent: opaque' beside 'file' to have it so"
+                "opaque, or write 'transparent: opaque' beside 'file' to draw it so"
             )
 
 

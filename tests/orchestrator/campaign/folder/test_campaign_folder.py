@@ -14,7 +14,7 @@ Held = Callable[[Path], AbstractContextManager[None]]
 
 
 @pytest.mark.parametrize("lock", [held, held_run])
-def test_what_is_locked_is_a_file_that_is_open_for_writing(
+def test_the_locked_file_is_open_for_writing(
     lock: Held, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Linux passes no other lock on to a server of NFS."""

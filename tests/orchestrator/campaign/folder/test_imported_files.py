@@ -27,6 +27,6 @@ def test_imports_are_followed_and_nothing_is_run(
 
 
 @pytest.mark.parametrize("text", ["def (", "\0"])
-def test_what_cannot_be_parsed_imports_nothing(tmp_path: Path, text: str) -> None:
+def test_a_file_that_cannot_be_parsed_imports_nothing(tmp_path: Path, text: str) -> None:
     (tmp_path / "broken.py").write_text(text)
     assert imported_by({tmp_path / "broken.py"}).files == frozenset()

@@ -46,9 +46,7 @@ def test_which_runs_were_chosen_is_no_change_of_their_files(
 
 @pytest.mark.parametrize("file", ["gate.yaml", "table1.yaml"])
 @pytest.mark.parametrize("repetitions", [1, None])
-def test_what_was_required_is_read_back_also_of_a_composition(
-    file: str, repetitions: int | None
-) -> None:
+def test_requirements_are_read_back_from_the_manifest(file: str, repetitions: int | None) -> None:
     campaign = load(file, repetitions=repetitions)
     written = flown(file, repetitions=repetitions)
     assert campaign.requirements
@@ -63,7 +61,7 @@ def test_each_run_is_recorded_with_the_world_that_it_flies_in(file: str) -> None
     assert worlds == {plan.name: world_digest(plan.files) for plan in campaign.plans}
 
 
-def test_what_changed_beside_the_repetitions_is_still_named() -> None:
+def test_changed_files_are_named_when_repetitions_changed_too() -> None:
     before = flown("gate.yaml", cases=("large",), repetitions=1, sets=(RATE,))
     before["options"]["set"] = []
     said = [f"the files of large/{mode}/1 changed" for mode in ("sim", "wil")]

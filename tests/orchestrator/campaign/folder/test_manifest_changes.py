@@ -55,7 +55,7 @@ STUDY = {"campaigns": {"gate": "gate.yaml"}}
         ({}, {"runs": [{"run": "large/sim/2", "documents": "z"}]}, []),
     ],
 )
-def test_what_judges_otherwise_is_named(
+def test_a_change_that_alters_the_judgement_is_named(
     before: dict[str, Any], now: dict[str, Any], said: list[str]
 ) -> None:
     found = changes_since_flight(manifest(**before), manifest(**now), file="gate.yaml")

@@ -56,7 +56,7 @@ def test_runs_after_the_decision_are_not_due(campaign: Campaign, verdicts: str, 
     assert len(runs_due(campaign.plans, None, results(verdicts))) == 5
 
 
-def test_what_ended_early_waits_for_those_before_it(campaign: Campaign) -> None:
+def test_a_run_that_ended_early_waits_for_the_runs_before_it(campaign: Campaign) -> None:
     done = results("PPP")
     first = done.pop("default/sim/1")
     assert len(runs_due(campaign.plans, TEST, done)) == 5

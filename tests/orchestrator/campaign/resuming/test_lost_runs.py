@@ -133,7 +133,7 @@ def test_a_damaged_result_of_a_real_run_is_kept_beside_the_error(
     ("verdict", "said"),
     [("PASS", "it is PASS, which counts"), ("FAIL", "it is FAIL, which counts")],
 )
-def test_what_proved_something_is_not_flown_again_by_name(
+def test_a_run_that_is_pass_or_fail_is_not_flown_again_by_name(
     campaign: Campaign, tmp_path: Path, verdict: Verdict, said: str
 ) -> None:
     finish(tmp_path, campaign, 0, verdict)
@@ -168,7 +168,7 @@ def test_a_real_run_that_was_ordered_and_left_no_folder_is_lost(tmp_path: Path) 
     assert ledger(tmp_path)[-1] == ("killed", "lost", FIRST)
 
 
-def test_what_a_sequential_test_had_taken_out_is_not_lost(tmp_path: Path) -> None:
+def test_a_run_that_a_sequential_test_set_aside_is_not_lost(tmp_path: Path) -> None:
     path = write_hover(tmp_path)
     test = "repetitions: {until: decided, at_least: 0.9, against: 0.3, most: 9}"
     path.write_text(path.read_text().replace("repetitions: 2", test))
@@ -189,7 +189,7 @@ def test_a_start_after_a_line_that_was_cut_off_is_read(tmp_path: Path) -> None:
     assert newest_session(tmp_path) == "second"
 
 
-def test_which_runs_are_real(tmp_path: Path) -> None:
+def test_a_run_is_real_where_a_real_vehicle_flies(tmp_path: Path) -> None:
     sim = load_campaign(write_hover(tmp_path))
     assert not any(map(real_runs(sim, "real"), sim.plans))
     path, bench = write_campaign(tmp_path), write_bench(tmp_path)

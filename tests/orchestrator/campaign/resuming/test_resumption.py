@@ -127,7 +127,7 @@ def write_result(folder: Path, plan: RunPlan, verdict: Verdict, reason: str = ""
 
 
 @pytest.mark.parametrize("verdict", ["PASS", "FAIL", "INVALID", "ERROR"])
-def test_what_is_finished_is_kept(campaign: Path, tmp_path: Path, verdict: Verdict) -> None:
+def test_a_resumption_keeps_finished_runs(campaign: Path, tmp_path: Path, verdict: Verdict) -> None:
     loaded = load_campaign(campaign)
     write_result(tmp_path, loaded.runs[0], verdict, "why")
     found, said = resume(tmp_path, loaded)
@@ -187,7 +187,7 @@ def test_a_folder_in_which_nothing_was_flown_is_no_attempt(campaign: Path, tmp_p
         ("FAIL", 9, True, True),
     ],
 )
-def test_what_is_flown_again(
+def test_a_resumption_flies_a_run_again_by_verdict_and_retries(
     campaign: Path,
     tmp_path: Path,
     *,
@@ -211,7 +211,7 @@ def test_what_is_flown_again(
     [(True, False, False), (True, True, True), (False, False, True)],
 )
 @pytest.mark.parametrize("verdict", ["FAIL", "ERROR"])
-def test_a_search_flies_what_was_cut_off_after_its_verdict_again_but_no_real_vehicle(
+def test_a_search_repeats_runs_cut_off_after_their_verdict_but_no_real_ones(
     campaign: Path,
     tmp_path: Path,
     verdict: Verdict,
@@ -281,7 +281,7 @@ def test_the_newest_folder_is_resumed(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("quick")
-def test_resuming_flies_what_is_missing_and_nothing_else(campaign: Path) -> None:
+def test_a_resumption_flies_the_missing_runs_alone(campaign: Path) -> None:
     assert run(campaign, "--repetitions", "4") == 0
     folder = folder_of(campaign)
     kept = {path: path.read_bytes() for path in folder.glob("default/sim/[134]/result.json")}
@@ -374,7 +374,7 @@ def fly_while_another_is_edited(order: RunOrder, report: Report, inbox: Inbox) -
     return quick_fly(order, report, inbox)
 
 
-def test_what_is_in_the_air_when_a_file_changes_is_flown_to_its_end(
+def test_a_run_in_the_air_is_flown_to_its_end_when_a_file_changes(
     campaign: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = campaign.read_text()
@@ -422,7 +422,7 @@ def test_other_versions_and_spoilt_manifests_are_not_resumed(
 
 
 @pytest.mark.usefixtures("quick")
-def test_what_another_commit_flew_is_not_resumed(
+def test_a_campaign_of_another_commit_is_not_resumed(
     campaign: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of one version, as between two releases. Changed code has a digest: "dirty" says not how."""
@@ -442,7 +442,9 @@ def test_what_another_commit_flew_is_not_resumed(
 
 
 @pytest.mark.usefixtures("quick")
-def test_two_do_not_fly_into_one_folder(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_programs_do_not_fly_into_one_folder(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(campaign) == 0
     with held(folder_of(campaign)):
         assert run(campaign, "--resume") == 3
@@ -491,7 +493,7 @@ def test_hardware_is_never_flown_again_by_itself(
 
 
 @pytest.mark.usefixtures("quick")
-def test_retries_come_to_an_end_and_a_fail_is_none(campaign: Path) -> None:
+def test_retries_come_to_an_end_and_a_fail_is_not_retried(campaign: Path) -> None:
     text = campaign.read_text()
     campaign.write_text(text + "retries: 2\ndescription: die\n")
     assert run(campaign, "--repetitions", "1") == 3
@@ -566,7 +568,7 @@ def resumed(campaign: Path) -> dict[str, Any]:
     return summary
 
 
-def test_killed_between_two_runs(campaign: Path) -> None:
+def test_a_resumption_keeps_the_runs_before_a_kill_between_two_runs(campaign: Path) -> None:
     context = multiprocessing.get_context("forkserver")
     process = context.Process(target=fly_until_killed, args=(campaign,))
     process.start()
@@ -606,7 +608,7 @@ def killed(campaign: Path, *options: str, when: Callable[[], object], all_at_onc
         (os.killpg if all_at_once else os.kill)(running.pid, signal.SIGKILL)
 
 
-def test_killed_alone_during_a_run_that_then_lands(campaign: Path) -> None:
+def test_a_run_that_lands_after_a_kill_is_flown_again(campaign: Path) -> None:
     with slowed(campaign, "1"):
         at_goal = partial(reaches_goal, campaign)
         killed(campaign, when=at_goal, all_at_once=False)
@@ -616,7 +618,7 @@ def test_killed_alone_during_a_run_that_then_lands(campaign: Path) -> None:
     assert first["reason"].startswith("passed at attempt 2; before: ")
 
 
-def test_killed_twice_with_its_run_no_run_is_counted_twice(campaign: Path) -> None:
+def test_no_run_counts_twice_after_two_kills_with_its_run(campaign: Path) -> None:
     """As when the power goes: in the middle of a run, and once more after it was flown again."""
     with slowed(campaign, "0.02"):
         killed(campaign, when=partial(reaches_goal, campaign), all_at_once=True)

@@ -32,7 +32,9 @@ def resume(tmp_path: Path) -> list[str]:
     return said
 
 
-def test_its_engine_fetches_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_engine_fetches_runs_that_were_flown_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "out").mkdir()
     farm = Engine("farm", "", "", "", "", fetch=f"{__name__}:fetch")
     monkeypatch.setattr(resumed_campaign, "added", lambda _: {"farm": farm})
@@ -44,7 +46,9 @@ def test_its_engine_fetches_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert [tmp_path / "out"] == FETCHED
 
 
-def test_without_the_plugin_it_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_resumption_without_the_plugin_of_its_store_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its runs would be flown again, though they are finished."""
     (tmp_path / "out").mkdir()
     RunLedger(tmp_path / "out", "first", CampaignPlace("s3://b", "hover")).write(

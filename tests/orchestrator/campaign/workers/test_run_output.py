@@ -17,7 +17,7 @@ from wil_campaign.orchestrator.campaign.workers.run_output import (
 )
 
 
-def test_what_is_printed_goes_to_the_runs_file(
+def test_the_output_of_a_run_goes_to_its_file(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     with kept_output(tmp_path):
@@ -46,7 +46,7 @@ def test_a_run_that_prints_without_end_fills_no_disk(
     assert (tmp_path / OUTPUT_FILE).stat().st_size == 1000
 
 
-def test_a_full_disk_takes_what_was_printed_and_not_the_run(
+def test_a_full_disk_loses_the_output_and_not_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     class FullDisk(io.StringIO):

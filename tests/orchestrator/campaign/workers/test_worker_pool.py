@@ -104,7 +104,7 @@ def test_a_run_that_is_faster_than_the_wall_tells_no_more_than_people_can_follow
     assert [news.word for news in seen if isinstance(news, Happening)] == ["landing"]
 
 
-def test_what_a_worker_prints_stays_off_stdout(capfd: pytest.CaptureFixture[str]) -> None:
+def test_prints_of_a_worker_go_to_stderr(capfd: pytest.CaptureFixture[str]) -> None:
     fly_all(["noise"], jobs=1)
     out, err = capfd.readouterr()
     assert out == ""
@@ -203,7 +203,7 @@ def test_a_place_that_no_order_waits_for_is_not_waited_for(orders: list[str]) ->
     assert workers.given_up <= 1
 
 
-def test_an_abort_ends_what_waits_for_a_place() -> None:
+def test_an_abort_ends_orders_that_wait_for_a_place() -> None:
     outcomes: Outcomes = {}
     workers = ScarceWorkers(0)
 
@@ -293,7 +293,7 @@ async def test_a_process_that_no_kill_ends_is_not_waited_for() -> None:
     assert None not in waited
 
 
-def test_while_paused_no_order_is_begun() -> None:
+def test_no_order_is_begun_while_paused() -> None:
     outcomes: Outcomes = {}
     begun: list[str] = []
 
@@ -701,7 +701,7 @@ async def test_an_abort_of_a_node_lands_its_run_and_bars_it_for_the_rest() -> No
     assert not late
 
 
-def test_an_abort_reaches_a_worker_by_any_descriptor_and_one_that_is_gone_is_no_error() -> None:
+def test_an_abort_reaches_a_worker_by_any_descriptor_and_a_closed_one_is_no_error() -> None:
     """`select` refuses descriptors above 1023, and so would the abort of all further workers."""
     limits = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (max(limits[0], 2048), limits[1]))

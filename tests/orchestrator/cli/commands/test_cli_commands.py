@@ -88,9 +88,7 @@ def test_validate_shows_every_problem_with_its_line(cli: Cli, gate: Path) -> Non
     assert sorted(gate.parents[1].rglob("*")) == before
 
 
-def test_what_comes_in_real_time_is_flown_on_the_wall_clock_and_no_other(
-    cli: Cli, gate: Path
-) -> None:
+def test_a_campaign_with_a_live_outlet_flies_on_the_wall_clock_alone(cli: Cli, gate: Path) -> None:
     gate.write_text(gate.read_text() + "deliver: [{rtp: '127.0.0.1:5600'}]\n")
     good = cli("validate", str(gate))
     assert good.code == 0
@@ -123,7 +121,7 @@ def test_mavsdk_flies_on_the_wall_clock_and_no_other(cli: Cli, gate: Path) -> No
             assert f"{gate}:{line}:5: {said}" in bad.err
 
 
-def test_what_is_no_driver_or_has_its_id_is_refused(cli: Cli, gate: Path) -> None:
+def test_an_unknown_driver_and_the_system_id_of_a_driver_are_refused(cli: Cli, gate: Path) -> None:
     text = gate.read_text()
     gate.write_text(text.replace("profile: cage\n", "profile: cage\n    driver: mavsd\n"))
     bad = cli("validate", str(gate))
@@ -137,7 +135,9 @@ def test_what_is_no_driver_or_has_its_id_is_refused(cli: Cli, gate: Path) -> Non
 
 
 @pytest.mark.parametrize("content", [b"", b"\x7fELF\x00", b"[1, 2]", b"a: [", b"\xff\xfe"])
-def test_validate_survives_what_is_no_campaign(cli: Cli, tmp_path: Path, content: bytes) -> None:
+def test_validate_survives_files_that_are_no_campaign(
+    cli: Cli, tmp_path: Path, content: bytes
+) -> None:
     path = tmp_path / "x.yaml"
     path.write_bytes(content)
     outcome = cli("validate", str(path), str(tmp_path / "none.yaml"))
@@ -190,7 +190,7 @@ def test_plan_of_a_bad_file_or_option_is_reported(cli: Cli) -> None:
         ("signals", "clearance_m"),
     ],
 )
-def test_list_shows_what_is_at_hand(cli: Cli, what: str, name: str) -> None:
+def test_list_shows_all_that_is_available(cli: Cli, what: str, name: str) -> None:
     rows = json.loads(cli("list", what, "--json").out)
     assert name in [row["name"] for row in rows]
     outcome = cli("list", what)

@@ -18,7 +18,7 @@ VEHICLE_WIDTH_M = 0.3
 Capture = pytest.CaptureFixture[str]
 
 
-def test_what_is_written_is_a_campaign_with_a_control(
+def test_init_writes_a_campaign_with_a_control(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -63,7 +63,7 @@ def test_the_workflow_installs_from_where_the_program_came(
     assert "WIL_CAMPAIGN" not in capsys.readouterr().out
 
 
-def test_the_workflow_of_a_program_from_a_folder_says_so_and_fails_until_it_is_completed(
+def test_the_workflow_of_a_program_from_a_folder_fails_until_it_is_completed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.setattr(init_command, "pip_requirement", lambda: None)

@@ -53,7 +53,7 @@ async def controller(tmp_path: Path, fleet: FakeFleet) -> AsyncIterator[Campaign
 
 
 @pytest.mark.parametrize("command", ["abort", "hold", "resume", "watch"])
-async def test_where_nothing_flies_this_is_reported(cli: Cli, command: str, tmp_path: Path) -> None:
+async def test_a_command_reports_that_nothing_flies(cli: Cli, command: str, tmp_path: Path) -> None:
     assert await cli(command) == (3, "", "no campaign is in flight on this machine\n")
     assert await cli(command, str(tmp_path)) == (3, "", f"no run is in flight in {tmp_path}\n")
 
@@ -150,7 +150,7 @@ async def hall(tmp_path: Path, short_folder: Path) -> AsyncIterator[tuple[Place,
 
 @pytest.mark.usefixtures("controller")
 @pytest.mark.parametrize("command", ["abort", "hold", "resume", "fence"])
-async def test_with_several_campaigns_they_are_listed_and_nothing_is_sent(
+async def test_several_campaigns_are_listed_and_nothing_is_sent(
     *,
     cli: Cli,
     fleet: FakeFleet,

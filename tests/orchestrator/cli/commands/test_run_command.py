@@ -99,7 +99,7 @@ def assert_aborted(campaign: Path, by: str, said: str) -> None:
 ENDLESS = ("--set", "autonomy={use: still.py:Still, with: {ticks: 1000000}}")
 
 
-def test_a_signal_to_the_whole_group_lands_what_flies(campaign: Path) -> None:
+def test_a_signal_to_the_whole_group_lands_flying_vehicles(campaign: Path) -> None:
     with subprocess.Popen(  # noqa: S603 - our own interpreter
         command(campaign, *ENDLESS),
         cwd=ROOT,
@@ -119,7 +119,7 @@ def test_a_signal_to_the_whole_group_lands_what_flies(campaign: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_other_signals_land_what_flies(
+def test_other_signals_land_flying_vehicles(
     campaign: Path, capsys: pytest.CaptureFixture[str], number: signal.Signals
 ) -> None:
     def send() -> None:
@@ -181,7 +181,7 @@ def test_a_run_that_hangs_before_its_first_word_ends_with_the_first_signal(
     assert "not accepted; never flown: 1 of 2; stopped by Ctrl-C or SIGTERM\n" in said
 
 
-def test_before_it_flies_a_document_says_that_nothing_has_passed(
+def test_a_document_says_that_nothing_has_passed_before_it_flies(
     campaign: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     junit = campaign.parent / "ci" / "junit.xml"
@@ -201,7 +201,7 @@ def test_before_it_flies_a_document_says_that_nothing_has_passed(
 
 
 @pytest.mark.parametrize("spoilt", ["junit", "out", "no such folder", "out in a file"])
-def test_what_cannot_be_written_is_reported_before_anything_flies(
+def test_an_output_that_cannot_be_written_is_reported_before_anything_flies(
     campaign: Path, capsys: pytest.CaptureFixture[str], spoilt: str
 ) -> None:
     given = {"out": str(campaign.parent / "out"), "junit": str(campaign.parent / "junit.xml")}
@@ -224,7 +224,7 @@ def test_what_cannot_be_written_is_reported_before_anything_flies(
     assert not list(campaign.parent.glob(".wil-*"))
 
 
-def test_what_armed_nothing_says_so_and_is_not_resumed(
+def test_a_campaign_flown_without_arming_is_not_resumed(
     campaign: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([*command(campaign)[3:], "--no-arm"]) == 5
@@ -265,7 +265,7 @@ def test_runs_of_one_worker_do_not_know_of_each_other(campaign: Path) -> None:
     assert notes == ["1 by now", "1 by now"]
 
 
-def test_folders_are_there_only_for_what_was_flown(campaign: Path) -> None:
+def test_only_flown_runs_have_folders(campaign: Path) -> None:
     plans = load_campaign(campaign).runs
     assert main([*command(campaign)[3:], "--repetitions", "1"]) == 0
     (folder,) = (campaign.parent / "out" / "hover").iterdir()

@@ -300,7 +300,7 @@ def test_a_write_that_is_reported_as_lost_when_the_file_is_closed_is_a_fault(
     assert (report.fault, report.complete) == ("run.mcap: Input/output error", False)
 
 
-def test_what_comes_after_the_end_is_not_waited_for(tmp_path: Path) -> None:
+def test_a_reading_after_the_end_of_a_recording_is_ignored(tmp_path: Path) -> None:
     with recorder(tmp_path / "run.mcap") as run:
         first = run.close()
         run.reading("camera", camera())

@@ -14,7 +14,7 @@ from wil_campaign.orchestrator.recording.mcap.mcap_schemas import _numbers
 
 
 def test_numbers_come_back_to_the_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mcap_decode, "SENSOR_TYPES", {"thermometer": ThermometerReading})
+    monkeypatch.setattr(mcap_decode, "reading_types", lambda: {"thermometer": ThermometerReading})
     reading: Any = ThermometerReading(1.25, 1.5, 7, "twin", 0.1 + 0.2, 4, "cabin")
     schema, fields, data = body_of(reading)
     stamps = {"t_s": 1.25, "arrived_s": 1.5, "seq": 7, "source": "twin", "sensor": "cabin"}

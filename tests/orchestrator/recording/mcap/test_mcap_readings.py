@@ -195,7 +195,7 @@ def test_the_mounts_of_the_cameras_are_facts_of_a_recording() -> None:
     assert mounts_in({}) == {}
 
 
-def test_a_source_whose_images_are_not_wanted(tmp_path: Path) -> None:
+def test_images_of_an_unwanted_source_are_not_recorded(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with recorder(path, settings=RecordingSettings(twin=ImageSettings("none"))) as run:
         run.reading("camera", camera(1, "twin"))

@@ -51,7 +51,7 @@ def test_a_single_value_between_gaps_can_be_seen() -> None:
     assert (left, right) == pytest.approx((499.2, 500.8))
 
 
-def test_what_is_beyond_a_limit_is_not_shaded_across_a_gap() -> None:
+def test_the_shading_beyond_a_limit_stops_at_a_gap() -> None:
     curve = Curve("real", (((1.0, 2.0), (2.0, 2.0)), ((7.0, 2.0), (8.0, 2.0))))
     plot = Plot("height", "m", (curve,), (PlotLimit(1.0, is_upper=True),), judged="real")
     run = RunReport(name="a/wil/1", case="a", mode="wil", rep="1", result=None, span_s=(0.0, 10.0))

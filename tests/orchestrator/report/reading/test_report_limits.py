@@ -97,7 +97,7 @@ def test_the_violated_value_is_shown_over_the_interval_of_its_limit() -> None:
     assert found.span_s[1] == pytest.approx(9.0)
 
 
-def test_what_does_not_come_to_what_was_judged_is_not_shown() -> None:
+def test_a_closeup_that_differs_from_the_judged_value_is_not_shown() -> None:
     limits = held_limits({"waits": {"stl": "always[0,2.5] (up_m <= 1.3)"}}, STAGES, 21.0, "real")
     cause = Cause("waits", "", (), 6.6)
     detail = "up_m <= 1.3 is violated"
@@ -157,7 +157,7 @@ def test_a_thing_is_boxed_where_the_recorded_world_and_pose_have_it() -> None:
     assert mark.outline_px == ()
 
 
-def test_the_touched_part_is_outlined_and_what_is_behind_is_not_boxed() -> None:
+def test_the_touched_part_is_outlined_and_objects_behind_it_have_no_box() -> None:
     (mark,) = marks_of(
         seen(),
         "camera",
@@ -182,7 +182,7 @@ def test_a_turned_camera_sees_elsewhere_and_one_that_is_not_known_nowhere() -> N
     assert marks_of(late, "camera", world(0.0), of_interest=["gate"]) == ()
 
 
-def test_what_is_virtual_is_where_the_recipe_drew_it() -> None:
+def test_a_virtual_object_is_marked_only_where_the_recipe_registered_it() -> None:
     virtual = SeenWorld(
         scene(), frozenset(), world(0.0).poses, {}, world(0.0).campaign, '{"combine": []}'
     )

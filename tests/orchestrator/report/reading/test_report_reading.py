@@ -78,7 +78,7 @@ def test_a_failed_run_tells_what_when_and_by_how_much(recorded: Path) -> None:
     assert run.goal_s == GOAL_S
 
 
-def test_what_was_seen_and_commanded_is_of_the_moment(recorded: Path) -> None:
+def test_the_image_and_the_command_shown_are_those_of_the_moment(recorded: Path) -> None:
     run = run_of(recorded)
     assert run.sight is not None
     seen = run.sight.perceived
@@ -348,7 +348,7 @@ def test_a_twin_that_dropped_out_and_reported_oracles_are_noted() -> None:
     assert notes_of(passed, at_s=None, goal_s=2.0) == ()
 
 
-def test_what_was_never_reached_says_how_near_the_vehicle_came() -> None:
+def test_a_missed_goal_says_how_near_the_vehicle_came() -> None:
     missed = OracleResult("reached", "real", True, "FAIL", None, 0.5, "m", None, None, "never")
     cause = cause_of(failed(missed), (), goal_s=2.0, passed=NearestPass(6.5, 1.234))
     assert cause is not None

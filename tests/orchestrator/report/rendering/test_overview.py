@@ -57,7 +57,7 @@ def test_the_share_of_a_part_of_a_composition_is_that_of_its_flight(
     assert found == (f"{verdicts.count('P')}/{len(verdicts)}", required, verdict)
 
 
-def test_why_a_composition_is_not_accepted_names_the_share(tmp_path: Path) -> None:
+def test_the_reason_against_a_composition_names_the_share(tmp_path: Path) -> None:
     folder = write_flown(
         tmp_path / "both",
         flights("one.a", "wil", "PPPFF"),

@@ -67,7 +67,7 @@ def test_the_verdict_comes_first_and_then_why(page: str) -> None:
     assert places == sorted(places)
 
 
-def test_what_is_only_reported_stands_under_a_heading_of_its_own(tmp_path: Path) -> None:
+def test_runs_that_are_only_reported_have_a_heading_of_their_own(tmp_path: Path) -> None:
     folder = write_campaign(tmp_path / "gate")
     for file in (folder / "large/wil/1/result.json", folder / "summary.json"):
         document = json.loads(file.read_text("utf-8"))
@@ -81,7 +81,7 @@ def test_what_is_only_reported_stands_under_a_heading_of_its_own(tmp_path: Path)
     assert text.index("Reported only: runs that did not pass") < text.index("large/wil/1")
 
 
-def test_what_was_left_out_stands_in_the_head_with_what_it_means(tmp_path: Path) -> None:
+def test_the_head_names_omitted_controls_and_explains_them(tmp_path: Path) -> None:
     folder = write_campaign(tmp_path / "gate")
     file = folder / "summary.json"
     document = json.loads(file.read_text("utf-8"))
@@ -173,7 +173,7 @@ def test_a_passing_run_begins_with_why_it_passed(page: str) -> None:
     assert places == sorted(places)
 
 
-def test_a_control_that_failed_as_it_must_is_not_red(tmp_path: Path) -> None:
+def test_a_control_that_failed_as_expected_is_not_red(tmp_path: Path) -> None:
     folder = write_campaign(tmp_path / "gate")
     file = folder / "large/wil/1/result.json"
     document = json.loads(file.read_text("utf-8"))

@@ -34,7 +34,7 @@ COARSE = tuple(
 SETS = (FLOWN, BLIND, *COARSE, "recipe.sensors.camera.rate_hz=5")
 
 
-def test_what_does_not_evade_is_touched_by_the_vehicle_that_flies_at_it(fly_run: Fly) -> None:
+def test_the_intruder_touches_a_vehicle_that_does_not_evade(fly_run: Fly) -> None:
     result, folder = fly_run("avoid", "fast", "sim", sets=SETS)
     assert (result.verdict, result.decided_by) == ("FAIL", "collision/twin"), result.reason
     (actor,) = result.actors
@@ -68,7 +68,7 @@ def test_equal_runs_with_an_actor_are_equal_to_the_byte(fly_run: Fly) -> None:
     assert one == other
 
 
-def test_in_reality_the_contact_with_the_vehicle_is_physical(fly_run: Fly) -> None:
+def test_a_contact_with_the_actor_in_mode_real_fails_the_run(fly_run: Fly) -> None:
     result, _ = fly_run("avoid", "fast", "real", sets=SETS)
     assert result.verdict == "FAIL"
     assert "touched intruder" in result.reason

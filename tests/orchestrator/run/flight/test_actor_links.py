@@ -163,7 +163,7 @@ async def test_a_launched_actor_moves_its_object_by_its_ground_truth(tmp_path: P
     assert (folder / "intruder.tlog").stat().st_size > 0
 
 
-async def test_elsewhere_an_attached_actor_flies_the_way_of_its_virtual_object(
+async def test_an_attached_actor_at_another_place_flies_the_way_of_its_object(
     tmp_path: Path,
 ) -> None:
     port = free_port()

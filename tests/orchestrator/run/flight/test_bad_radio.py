@@ -49,7 +49,7 @@ def test_luck_on_the_radio_is_seeded(fly_run: Fly) -> None:
     assert everything(3) == everything(3)
 
 
-def test_px4_returns_by_itself_in_a_outage_and_that_ends_at_the_ceiling(fly_run: Fly) -> None:
+def test_px4_returns_by_itself_in_an_outage_and_that_ends_at_the_ceiling(fly_run: Fly) -> None:
     # COM_OF_LOSS_T is 1 s; without a remote control it returns home, and climbs for that: had the
     # preflight not been overridden, it would be told to land, and to return beneath the ceiling.
     by_default = (
@@ -63,7 +63,7 @@ def test_px4_returns_by_itself_in_a_outage_and_that_ends_at_the_ceiling(fly_run:
     assert "fence" in guard_events(folder)
 
 
-def test_ardupilot_waits_where_it_is_and_a_lost_vehicle_is_no_verdict_of_the_autonomy(
+def test_ardupilot_waits_in_place_and_a_lost_vehicle_is_no_fail_of_the_autonomy(
     fly_run: Fly,
 ) -> None:
     result, folder = fly_run("gate-ardupilot", sets=(*LONGER, DARK % 3.5))

@@ -47,7 +47,7 @@ def test_a_vehicle_that_touches_the_ground_in_flight_fails(
     assert result.reason.startswith("twin touched the ground")
 
 
-def test_where_the_world_has_its_ground_lower_nothing_is_touched(tmp_path: Path) -> None:
+def test_nothing_is_touched_where_the_world_has_its_ground_lower(tmp_path: Path) -> None:
     """The vehicle starts on a table of a metre: what it flies over is as far below."""
     low = "[[0, 0, -1, 1.1], [0, 0, 1, 1.5]]"
     sets = ("vehicles.twin.start={up_m: 1}", "goal.altitude_m=2.2", "world.ground_up_m=0")
@@ -65,7 +65,7 @@ def test_a_hard_landing_fails_by_the_profile_or_by_the_campaign(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(("delay_s", "said"), [("30", True), ("0.2", False)])
-def test_what_never_moved_is_a_caveat(tmp_path: Path, delay_s: str, said: bool) -> None:
+def test_an_object_that_never_moved_is_a_caveat(tmp_path: Path, delay_s: str, said: bool) -> None:
     result = flown(tmp_path, STILL, DRONE % delay_s)
     assert result.verdict == "PASS"
     assert result.unmoved == (("drone",) if said else ())

@@ -37,7 +37,7 @@ def test_an_invalid_that_the_machine_s_lateness_explains_names_the_machine() -> 
         ((103.2, 103.4), "INVALID", "operator/hold"),
     ],
 )
-def test_what_it_does_not_explain_keeps_its_reason(
+def test_a_verdict_that_lateness_does_not_explain_keeps_its_reason(
     late: tuple[float, float], kind: str, source: str
 ) -> None:
     assert flight([late], kind, source, 103.4) == ["t0 skew 0.160 s exceeds 0.1 s"]

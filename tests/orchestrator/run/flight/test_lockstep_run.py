@@ -225,8 +225,6 @@ def test_an_estimate_that_freezes_proves_nothing(
     assert result.reason.startswith("pose of twin from mavlink: it "), result.reason
 
 
-def test_a_flight_that_nobody_alters_passes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unaltered_flight_passes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     result = fly_altered(monkeypatch, tmp_path / "run")
     assert result.verdict == "PASS", result.reason

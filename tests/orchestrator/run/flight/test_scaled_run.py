@@ -104,7 +104,7 @@ async def test_an_orchestrator_that_is_killed_leaves_vehicles_that_land(tmp_path
         (("--set", "clock.speed=0"), "must be greater than 0"),
     ],
 )
-def test_what_cannot_follow_is_refused(
+def test_a_campaign_that_cannot_follow_the_scaled_clock_is_refused(
     options: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     words = ["run", "campaigns/gate.yaml", "--clock", "scaled", "--out", str(tmp_path), *options]

@@ -133,7 +133,7 @@ def test_a_fence_that_the_guard_never_took_is_put_back(
     assert (rig.aboard.has, rig.aboard.unsettled, rig.shown) == ("old", (), [])
 
 
-def test_no_further_change_is_taken_while_it_is_not_known() -> None:
+def test_no_further_fence_is_taken_while_the_last_answer_is_missing() -> None:
     async def script(rig: Rig) -> None:
         rig.ask()
         await asyncio.sleep(5.0)
@@ -183,7 +183,7 @@ def test_an_answer_to_a_proposal_that_was_given_up_is_not_one_to_the_next() -> N
         ),
     ],
 )
-def test_what_the_guard_took_before_it_landed_is_not_called_refused(
+def test_a_fence_taken_before_the_landing_is_not_reported_as_refused(
     kind: EventKind, text: str, answer: tuple[bool, str], has: str
 ) -> None:
     async def script(rig: Rig) -> None:

@@ -38,7 +38,7 @@ async def signs(watchdog: Watchdog, name: str, count: int) -> None:
         await asyncio.sleep(0.5)
 
 
-def test_who_gives_no_sign_any_more_ends_the_run() -> None:
+def test_a_task_that_gives_no_sign_any_more_ends_the_run() -> None:
     async def act(run_state: RunState, watchdog: Watchdog) -> None:
         watchdog.watch("never begun")
         await signs(watchdog, "judging", 40)
@@ -65,7 +65,7 @@ def test_a_stage_that_does_not_end_ends_the_run(stage: Stage) -> None:
     assert ended_s == pytest.approx(50.0 if stage == "start" else 90.0, abs=1.1)
 
 
-def test_whoever_holds_may_take_his_time() -> None:
+def test_a_hold_does_not_use_up_the_patience_of_the_watchdog() -> None:
     async def act(run_state: RunState, watchdog: Watchdog) -> None:
         run_state.hold()
         await asyncio.sleep(300.0)

@@ -119,7 +119,7 @@ def test_dead_reckoning_that_is_permitted_is_a_caveat(fly_run: Fly, autopilot: s
         ("px4", "goal", GENERIC),
     ],
 )
-def test_somebody_elses_heartbeat_is_named_and_no_state_of_the_vehicle(
+def test_a_foreign_heartbeat_is_named_and_is_no_state_of_the_vehicle(
     fly_run: Fly, autopilot: str, stage: Stage, kind: HeartbeatKind
 ) -> None:
     other = OtherSender(kind)

@@ -10,7 +10,7 @@ from wil_campaign.orchestrator.run.judging.run_outcome import _unseen
 from wil_campaign.safety.model.verdict import Decision, DecisiveEvent
 
 
-def test_what_is_cut_is_reported_as_the_first_event_that_is_left_out() -> None:
+def test_a_cut_list_of_events_ends_with_the_first_event_beyond_the_cut() -> None:
     kinds = ["ERROR"] * 49 + ["INVALID"] + ["FAIL"] * 30
     events = tuple(
         DecisiveEvent(2.0 + at, kind, f"event {at}")  # type: ignore[arg-type]  # a kind's name

@@ -54,7 +54,9 @@ class WordlessError(Exception):
         (RuntimeError("two\nlines, \x1b[31mred \ud800"), "RuntimeError: two lines, ?[31mred ?"),
     ],
 )
-def test_whatever_is_raised_is_the_fault_of_the_autonomy(error: BaseException, said: str) -> None:
+def test_any_exception_of_a_call_is_a_fault_of_the_autonomy(
+    error: BaseException, said: str
+) -> None:
     with pytest.raises(AutonomyFault) as caught:
         call_autonomy(raising(error))
     text = str(caught.value)
@@ -138,7 +140,7 @@ def test_an_alarm_after_the_end_of_a_call_does_not_interrupt_its_clean_up() -> N
         assert signal.getsignal(signal.SIGALRM) is before
 
 
-def test_somebody_elses_timer_goes_on() -> None:
+def test_a_timer_of_other_code_goes_on() -> None:
     heard: list[int] = []
     before = signal.signal(signal.SIGALRM, lambda number, _: heard.append(number))
     earlier = signal.setitimer(signal.ITIMER_REAL, 3600.0)

@@ -90,7 +90,7 @@ async def test_an_act_that_always_takes_longer_than_its_period_is_too_slow_by_an
         assert calls.act_times.count > 1
 
 
-async def test_one_that_is_late_once_catches_up() -> None:
+async def test_an_autonomy_that_is_late_once_catches_up() -> None:
     pause = threading.Event()
     async with lane() as calls:
         for wait_s in (0.1, 0.0, 0.0, 0.1, 0.0, 0.0, 0.1):
@@ -102,7 +102,7 @@ async def test_one_that_is_late_once_catches_up() -> None:
             assert await calls.act(act) == STILL
 
 
-async def test_its_own_limit_of_a_call_comes_first() -> None:
+async def test_the_limit_of_a_call_comes_before_the_longest_wait() -> None:
     release = threading.Event()
     async with lane(call_s=0.06, longest_s=60.0) as calls:
         with pytest.raises(AutonomyFault, match=r"gave no answer within 0\.06 s, its limit"):
@@ -185,7 +185,7 @@ async def test_a_call_without_an_end_is_interrupted_at_the_end_of_the_run() -> N
     assert await asyncio.to_thread(ended.wait, 30.0)
 
 
-def test_under_the_virtual_clock_what_is_slower_than_real_time_is_in_the_result(
+def test_the_result_counts_calls_slower_than_real_time_on_the_virtual_clock(
     fly_run: Fly, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By a limit that any autonomy exceeds: a slow one would cost the test its time."""

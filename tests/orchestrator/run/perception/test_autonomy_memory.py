@@ -58,7 +58,7 @@ class Hoarder:
         return Command(VelocitySetpoint((0.0, 0.0, 0.0)))
 
 
-def test_one_that_is_too_large_once_it_is_built_is_an_error_before_it_flies() -> None:
+def test_an_autonomy_too_large_once_it_is_built_is_an_error_before_it_flies() -> None:
     limits = AutonomyLimits(memory_mb=300.0)
     held = iter((1000.0, 1400.0))
     meter = MemoryMeter(limits, resident_mb=lambda: next(held))

@@ -23,7 +23,7 @@ WALL = SceneObject(2, "wall", box((0.1, 9.0, 9.0)), Pose((WALL_M, 0.0, 0.0)))
 @pytest.mark.parametrize(
     ("real_m", "unknown"), [(None, None), (WALL_M - 0.5, True), (WALL_M + 0.5, False)]
 )
-def test_what_stands_behind_what_the_real_camera_sees_is_unknown(
+def test_an_object_behind_a_real_surface_is_unknown(
     real_m: float | None, unknown: bool | None
 ) -> None:
     views = ExpectedViews(real=Scene(), virtual=Scene((WALL,)), events={})
@@ -40,7 +40,7 @@ def test_what_stands_behind_what_the_real_camera_sees_is_unknown(
 
 
 @pytest.mark.parametrize(("columns", "cast"), [(90, 90), (375, 375), (750, 375)])
-def test_of_a_lidar_with_many_beams_only_some_are_cast(columns: int, cast: int) -> None:
+def test_only_some_beams_of_a_large_lidar_are_cast(columns: int, cast: int) -> None:
     pattern = SimpleNamespace(columns=columns, rings=8, lowest_rad=-0.2, highest_rad=0.2)
     lidar: Any = SimpleNamespace(pattern=pattern)
     assert len(_some_beams(lidar)) == cast * pattern.rings

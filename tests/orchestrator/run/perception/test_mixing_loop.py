@@ -126,7 +126,7 @@ def test_a_twin_that_is_ahead_or_behind_is_met_at_the_nearest_moment() -> None:
     assert len(rig.provenances) == 5
 
 
-def test_none_waits_longer_than_a_period_and_what_is_too_old_is_left_out() -> None:
+def test_a_reading_waits_at_most_a_period_and_a_stale_twin_is_dropped() -> None:
     def feed(rig: Rig) -> None:
         rig.twin(1.0)
         for k in range(5):
@@ -279,7 +279,7 @@ def test_jitter_of_its_stamps_loses_no_image_of_a_camera_at_the_recipe_s_rate() 
     assert len(rig.frames) == 45
 
 
-def test_a_step_that_chooses_by_time_sees_also_what_is_not_due_in_its_order() -> None:
+def test_a_step_that_chooses_by_time_also_sees_readings_that_are_not_due() -> None:
     body = "transform: [register, {delay: {by_ms: 30, on: real}}], merge: overlay"
     rig = flown(
         lambda: Rig(body, sensor="camera", twin=Slow(0.04), period_s=1 / 45, rate_hz=15.0),
@@ -426,7 +426,7 @@ def test_a_picture_waits_for_the_pose_of_its_exposure() -> None:
     assert provenance.latency_ms == pytest.approx(35.0, abs=2.1)
 
 
-def test_without_a_pose_the_frame_is_dropped() -> None:
+def test_a_frame_without_a_pose_is_dropped() -> None:
     twin = Slow(0.0)
 
     def feed(rig: Rig) -> None:
@@ -640,7 +640,7 @@ def test_one_reading_beyond_its_budget_makes_the_flight_invalid(
 
 
 @pytest.mark.parametrize("limit_px", [None, 8.0])
-def test_a_limit_that_nothing_shows_to_be_kept_makes_the_flight_invalid(
+def test_a_limit_that_cannot_be_checked_makes_the_flight_invalid(
     limit_px: float | None,
 ) -> None:
     async def feed(flight: Flight) -> None:
@@ -656,7 +656,7 @@ def test_a_limit_that_nothing_shows_to_be_kept_makes_the_flight_invalid(
     assert (found and found[:2]) == (None if limit_px is None else ("INVALID", said))
 
 
-def test_what_happens_before_the_goal_spoils_nothing() -> None:
+def test_bad_mixing_before_the_goal_spoils_nothing() -> None:
     async def feed(flight: Flight) -> None:
         for k in range(60):
             flight.deliver(k * 0.1, twin_s=k * 0.1 - 0.5 if k < 9 else None)
@@ -687,7 +687,7 @@ def test_a_source_that_stalls_or_slows_down_is_noticed(
     assert stop_s < found[2] < stop_s + 1.5
 
 
-def test_while_a_vehicle_is_silent_nothing_is_blamed_on_the_mixing() -> None:
+def test_nothing_is_blamed_on_the_mixing_while_a_vehicle_is_silent() -> None:
     async def feed(flight: Flight) -> None:
         for k in range(30):
             flight.deliver(k * 0.1)
@@ -721,7 +721,7 @@ def seen_by(publish: str, **shown: bool) -> Any:
 @pytest.mark.parametrize(
     ("twins", "verdicts"), [({"gate": True, "wall": True}, ["INVALID"]), ({"gate": True}, [])]
 )
-def test_what_the_twins_autonomy_perceives_speaks_for_nobody_who_is_judged(
+def test_images_of_the_twins_autonomy_prove_nothing_for_the_judged_vehicle(
     twins: dict[str, bool], verdicts: list[str]
 ) -> None:
     async def fly() -> RunState:

@@ -201,7 +201,7 @@ class Painting(Listening):
             reading.image_bgr[:] = 255
 
 
-def test_an_autonomy_that_paints_on_its_images_changes_nobody_elses(
+def test_an_autonomy_that_paints_on_its_images_changes_no_others(
     fly_run: Fly, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorded: list[list[bytes]] = []
@@ -299,7 +299,7 @@ def test_a_step_of_the_users_that_cannot_be_made_is_an_error_too(
     assert "recipe.yaml:6: step mine.py:Never, frame 0: OSError: no model here" in result.reason
 
 
-def test_alone_a_vehicle_perceives_all_its_own_sensors(
+def test_a_vehicle_alone_perceives_all_its_own_sensors(
     fly_run: Fly, listening: list[Listening]
 ) -> None:
     result, folder = fly_run(
@@ -315,7 +315,7 @@ def test_alone_a_vehicle_perceives_all_its_own_sensors(
 
 
 @pytest.mark.parametrize("sets", [(), CARRIED])
-def test_where_there_are_clouds_their_search_is_imported_before_the_flight(
+def test_the_search_in_clouds_is_imported_before_the_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sets: tuple[str, ...]
 ) -> None:
     searched: list[int] = []

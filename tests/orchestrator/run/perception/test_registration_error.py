@@ -46,7 +46,7 @@ def error_px(drawn_from: Pose, *, moved_m: float = 0.0, things: tuple[Vec3, ...]
     return found
 
 
-def test_from_the_right_place_nothing_is_off() -> None:
+def test_an_image_from_the_right_place_has_no_registration_error() -> None:
     assert error_px(HERE) == 0.0
 
 
@@ -61,7 +61,7 @@ def test_a_thing_that_moved_since_it_was_drawn_counts() -> None:
     assert error_px(HERE, moved_m=0.1) == pytest.approx(0.1 * F_PX / 3.0, rel=1e-6)
 
 
-def test_what_neither_camera_sees_does_not_count() -> None:
+def test_points_that_neither_camera_sees_do_not_count() -> None:
     behind = (-3.0, 0.0, -0.5)
     aside = (3.0, 9.0, -0.5)
     here = Pose((0.0, 0.01, -0.5))
@@ -106,7 +106,7 @@ def test_a_pose_within_one_standard_deviation_is_seen_within_the_bound(
     assert found <= bound_px + 1e-6
 
 
-def test_the_bound_is_as_large_as_it_must_be() -> None:
+def test_the_bound_is_three_standard_deviations_in_pixels() -> None:
     """A millimetre at 3 m in the middle of the picture is f / 3000 pixels, three times over."""
     accuracy = PoseAccuracy(position_m=0.001, attitude_rad=0.0)
     middle = [(3.0, 0.0, -0.5)]
@@ -257,7 +257,7 @@ def test_an_estimate_is_bounded_by_the_covariance_that_it_reports(scene: Scene) 
         ("px4", ReportedAccuracy(-3.0, 0.02, 0.005), "no covariance came in PX4's ODOMETRY"),
     ],
 )
-def test_without_a_covariance_there_is_no_bound_but_a_reason(
+def test_an_estimate_without_a_covariance_has_no_bound_but_a_reason(
     scene: Scene, autopilot: str, newest: ReportedAccuracy | None, said: str
 ) -> None:
     by_its_estimate(scene, autopilot, newest)

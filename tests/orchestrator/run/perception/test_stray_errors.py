@@ -76,7 +76,7 @@ class Still:
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("way", WAYS)
-def test_an_error_beside_its_calls_is_a_failure_of_the_autonomy(
+def test_an_error_outside_of_a_call_is_a_failure_of_the_autonomy(
     fly_run: Fly, monkeypatch: pytest.MonkeyPatch, way: str
 ) -> None:
     monkeypatch.setattr(

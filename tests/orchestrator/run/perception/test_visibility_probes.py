@@ -13,9 +13,7 @@ from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
-    LidarPointsSetup,
-    RangefinderSetup,
-    Reach,
+    OtherSetup,
     SensorSetup,
 )
 from wil_campaign.orchestrator.run.perception.visibility import (
@@ -34,8 +32,9 @@ from wil_campaign.recipes.model.recipe import Combination
 from wil_campaign.recipes.visibility.model import ExpectedRanges, FrameVisibility, Virtual
 from wil_campaign.recipes.visibility.sampling import sampled_intrinsics
 from wil_campaign.vehicles.readings import LidarPointsReading, Reading
-from wil_campaign.vehicles.sensors.lidar import GridPattern
+from wil_campaign.vehicles.sensors.lidar import LidarPointsOptions, RangefinderOptions
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
+from wil_campaign.vehicles.sensors.sensor_spec import MountPart
 from wil_campaign.worlds.camera import CameraMount
 from wil_campaign.worlds.frames import AT_ORIGIN
 from wil_campaign.worlds.scene.scene import Scene
@@ -63,7 +62,7 @@ combine:
     ],
     ids=["by colour", "by name", "named by an oracle", "of both worlds", "said", "none"],
 )
-def test_what_goal_and_oracles_name_has_to_be_shown_and_the_rest_is_left_out(  # noqa: PLR0917 - a table
+def test_only_objects_that_goal_or_oracles_name_must_be_shown(  # noqa: PLR0917 - a table
     tmp_path: Path,
     filter_: str,
     shows: str,
@@ -79,10 +78,16 @@ def test_what_goal_and_oracles_name_has_to_be_shown_and_the_rest_is_left_out(  #
 
 
 STEREO = DepthSetup(name="depth", rate_hz=15, intrinsics=CAMERA, mount=CameraMount())
-BEAMS = GridPattern(columns=36, rings=4)
-SPINNING = LidarPointsSetup(name="points", rate_hz=10, pattern=BEAMS)
-NEAR = LidarPointsSetup(name="points", rate_hz=10, pattern=BEAMS, reach=Reach(max_m=8.0))
-BELOW = RangefinderSetup(name="range", rate_hz=10, half_angle_rad=0.0, mount=AT_ORIGIN)
+
+
+def spinning(source: Any = None, **keys: Any) -> OtherSetup:
+    options = LidarPointsOptions(rate_hz=10.0, columns=36, rings=4, **keys)
+    return OtherSetup(kind="lidar_points", name="points", options=options, source=source)
+
+
+SPINNING, NEAR = spinning(), spinning(range_max_m=8.0)
+AHEAD = RangefinderOptions(rate_hz=10.0, beam_deg=0.0, mount=MountPart())
+BELOW = OtherSetup(kind="rangefinder", name="range", options=AHEAD)
 
 
 def measured(folder: Path, sensor: SensorSetup, noise: NoiseSetName, at_m: float) -> Any:
@@ -147,11 +152,8 @@ def test_an_object_is_due_within_the_reach_of_the_twins_sensor(
 
 def test_a_lidar_with_a_source_of_its_own_has_the_reach_that_the_campaign_gives() -> None:
     source: Any = SimpleNamespace()
-    own = LidarPointsSetup(name="points", rate_hz=10, pattern=BEAMS, source=source)
-    assert reach_of_twin(own, "datasheet") == (0.0, np.inf)
-    given = LidarPointsSetup(
-        name="points", rate_hz=10, pattern=BEAMS, source=source, reach=Reach(min_m=1.0, max_m=200.0)
-    )
+    assert reach_of_twin(spinning(source), "datasheet") == (0.0, np.inf)
+    given = spinning(source, range_min_m=1.0, range_max_m=200.0)
     assert reach_of_twin(given, "datasheet") == (1.0, 200.0)
     assert reach_of_twin(BELOW, "ideal") == (0.0, np.inf)
 

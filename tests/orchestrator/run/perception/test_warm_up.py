@@ -12,13 +12,14 @@ from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
-    RangefinderSetup,
+    OtherSetup,
     SensorSetup,
 )
 from wil_campaign.orchestrator.run.perception import warm_up
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.vehicles.embedded.control.law import load_kernels
 from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate
+from wil_campaign.vehicles.sensors.lidar import RangefinderOptions
 from wil_campaign.worlds import jit
 from wil_campaign.worlds.camera import CameraMount
 from wil_campaign.worlds.clearance.surfaces import surface_distance, swept_beyond
@@ -73,7 +74,7 @@ def setup_of_gate(folder: Path) -> RunSetup:
     [
         (CameraSetup(name="camera", rate_hz=15, intrinsics=CAMERA, mount=CameraMount()), True),
         (DepthSetup(name="depth", rate_hz=15, intrinsics=CAMERA, mount=CameraMount()), True),
-        (RangefinderSetup(name="range", rate_hz=10, half_angle_rad=0.0, mount=AT_ORIGIN), False),
+        (OtherSetup(kind="rangefinder", name="range", options=RangefinderOptions()), False),
     ],
     ids=["camera", "depth", "range"],
 )
@@ -91,7 +92,7 @@ def test_rendering_is_loaded_before_the_flight_for_whatever_is_rendered(
 @pytest.mark.parametrize(
     "at", [(8.0, 0.0, -1.0), (0.0, 8.0, -1.0), (0.0, 0.0, -1.0)], ids=["north", "east", "around"]
 )
-def test_what_measures_a_mesh_is_loaded_before_the_flight_wherever_it_is(
+def test_the_kernels_that_measure_a_mesh_are_loaded_before_the_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: Vec3
 ) -> None:
     called: set[str] = set()

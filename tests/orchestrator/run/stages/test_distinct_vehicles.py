@@ -30,7 +30,7 @@ def test_one_board_on_two_links_is_refused(uids: tuple[str, ...], same: str) -> 
         require_distinct(contexts(*uids))
 
 
-def test_boards_of_their_own_are_not() -> None:
+def test_two_boards_on_two_links_are_accepted() -> None:
     require_distinct(contexts("3132", "77", "78"))
 
 

@@ -41,7 +41,7 @@ def test_an_error_of_its_own_drops_a_vehicle_out(do: Do, repeated: bool) -> None
     assert left["twin"].reason == "twin: refused"
 
 
-def test_an_error_that_a_hold_came_between_is_raised_to_who_does_it_again() -> None:
+def test_an_error_after_a_hold_is_raised_where_the_step_is_repeated() -> None:
     with pytest.raises(VehicleError, match="refused"):
         do_with_twin(held_and_refused, repeated=True)
 

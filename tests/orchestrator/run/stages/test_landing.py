@@ -83,7 +83,7 @@ def flown_pair(guard: Guard, *, armed: tuple[bool, ...]) -> Any:
         (["ready", "arm", "takeoff", "goal"], ["land", "landed"]),
     ],
 )
-def test_what_the_guard_brings_down_enters_the_stages_that_it_flew_for(
+def test_a_vehicle_that_the_guard_brings_down_enters_the_stages_of_landing(
     entered: list[Stage], after: list[Stage]
 ) -> None:
     run_state = RunState(time=lambda: 0.0)
@@ -113,7 +113,9 @@ def test_a_vehicle_that_the_guard_cannot_land_is_an_error() -> None:
 
 
 @pytest.mark.parametrize(("downs", "restored"), [(True, {"real", "twin"}), (False, {"real"})])
-def test_who_may_be_in_the_air_still_is_not_configured(downs: bool, restored: set[str]) -> None:
+def test_a_vehicle_that_may_still_be_in_the_air_is_not_configured(
+    downs: bool, restored: set[str]
+) -> None:
     """Parameters of a failsafe or return that is under way would change beneath it."""
     given: list[set[str]] = []
 

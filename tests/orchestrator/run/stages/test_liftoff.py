@@ -34,7 +34,7 @@ def test_a_mixed_pair_leaves_the_ground_together(fly_run: Fly) -> None:
     assert sync.liftoff_delays_s == pytest.approx({"real": 1.6, "twin": 2.9}, abs=0.15)
 
 
-def test_commanded_together_it_does_not(fly_run: Fly) -> None:
+def test_a_pair_commanded_together_leaves_the_ground_apart(fly_run: Fly) -> None:
     result = flown(fly_run, "sync.takeoff=command")
     assert result.verdict == "INVALID"
     assert result.reason.startswith("takeoff skew 1.")

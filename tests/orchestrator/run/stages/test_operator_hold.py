@@ -129,7 +129,7 @@ def test_a_hold_while_landing_stops_it_in_the_air(fly_run: Fly) -> None:
     assert all_landed(folder)
 
 
-def test_whoever_holds_may_abort(fly_run: Fly) -> None:
+def test_the_operator_may_abort_during_a_hold(fly_run: Fly) -> None:
     script: list[tuple[float, OperatorKind]] = [(2.0, "hold"), (4.0, "hold"), (12.0, "abort")]
     result, folder = fly_held(fly_run, "takeoff", *script, sets=BRIEF)
     assert (result.verdict, result.reason) == ("ABORTED", "aborted by anna")

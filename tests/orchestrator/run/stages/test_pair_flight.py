@@ -50,7 +50,9 @@ def test_a_vehicle_is_at_its_height_when_it_has_stayed_there(height_m: Height, a
 @pytest.mark.parametrize(
     ("height_m", "where"), [(lambda _: HEIGHT_M - 0.11, "1.39 m"), (lambda _: None, "unknown")]
 )
-def test_one_that_is_never_there_ends_the_takeoff(height_m: Height, where: str) -> None:
+def test_a_vehicle_that_never_reaches_its_height_ends_the_takeoff(
+    height_m: Height, where: str
+) -> None:
     with pytest.raises(FlightError, match=f"not at 1.5 m within 8 s .*its height is {where}"):
         seen_at_height_s(height_m)
 
@@ -78,7 +80,7 @@ def test_a_dropped_out_vehicle_is_awaited_until_it_is_disarmed_or_silent(
 
 @pytest.mark.parametrize("at_s", [0.5, None])
 @pytest.mark.parametrize("names", [("twin",), ("real", "twin")])
-def test_a_second_vehicle_that_shows_itself_after_arming_takes_off_with_nobody(
+def test_no_vehicle_takes_off_when_a_second_one_appears_after_arming(
     names: tuple[str, ...], at_s: float | None
 ) -> None:
     """It is armed at 0.6 s by its heartbeat; of a pair the motors spool up then."""

@@ -131,7 +131,7 @@ def test_one_vehicle_alone_has_no_skew_to_measure() -> None:
     assert sync.result().takeoff_skew_s is None
 
 
-def test_what_an_estimate_did_on_the_ground_is_no_liftoff() -> None:
+def test_drift_of_an_estimate_on_the_ground_is_no_liftoff() -> None:
     """Both drifted up at one time while they stood; that they never left the ground is INVALID."""
     run_state = RunState(time=lambda: 5.0)
     sync = Synchronisation(setup=LIMITS, run_state=run_state)

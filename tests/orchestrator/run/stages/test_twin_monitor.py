@@ -120,13 +120,13 @@ def test_a_distance_that_was_not_measured_for_too_long_proves_nothing(
 
 
 @pytest.mark.parametrize("silent_s", [(1.01, 1.49), (3.7, 9.0)])
-def test_a_gap_as_poses_may_have_is_none_of_the_distance(silent_s: tuple[float, float]) -> None:
+def test_a_permitted_gap_of_poses_is_no_gap_of_the_distance(silent_s: tuple[float, float]) -> None:
     monitor, run_state = flown(0.0, 0.2, silent_s=silent_s)
     assert monitor.result().distance_max_m == pytest.approx(0.2)
     assert run_state.decisive == []
 
 
-def test_gaps_that_poses_may_have_are_none_of_the_distance_one_after_another() -> None:
+def test_permitted_gaps_one_after_another_are_no_gap_of_the_distance() -> None:
     monitor, run_state = flown(0.0, 0.2, silent_s=(1.01, 1.9), but_at_s=1.46)
     assert monitor.result().distance_max_m == pytest.approx(0.2)
     assert run_state.decisive == []

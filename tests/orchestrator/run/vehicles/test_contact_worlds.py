@@ -57,7 +57,7 @@ def touched(world: ContactWorld, north_m: float, up_m: float) -> str | None:
 
 
 @BOTH
-def test_what_it_takes_off_from_is_no_obstacle(
+def test_the_surface_below_the_start_is_no_obstacle(
     tmp_path: Path, world_of: Callable[[RunSetup], ContactWorld]
 ) -> None:
     world = world_of(real_setup(tmp_path))

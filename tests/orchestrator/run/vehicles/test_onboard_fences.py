@@ -138,7 +138,7 @@ def test_each_vehicle_may_get_one_of_its_own(fly_run: Fly) -> None:
     assert operator.aboard[-1] == {"real": (4, 3.3), "twin": (6, 4.5)}
 
 
-def test_what_one_autopilot_refuses_none_keeps(fly_run: Fly) -> None:
+def test_no_autopilot_keeps_a_fence_that_one_of_them_refuses(fly_run: Fly) -> None:
     # ArduCopter takes a fence that leaves its home out, PX4 does not.
     operator = Operator((3.5, asks(NO_WAY_HOME)))
     result, folder = flown(fly_run, operator, *MIXED, "autonomy.with.speed_m_s=0.8")
@@ -178,7 +178,7 @@ def test_a_short_outage_in_the_middle_is_waited_for(fly_run: Fly) -> None:
     assert operator.aboard[-1] == {"twin": (3, 3.0)}
 
 
-def test_a_outage_that_does_not_end_leaves_the_old_one(fly_run: Fly) -> None:
+def test_an_outage_that_does_not_end_leaves_the_old_fence(fly_run: Fly) -> None:
     operator = Operator((1.0, asks(TIGHTER)))
     operator.on_goal = lambda pair: go_dark(pair, 1.05, 6.0)
     result, folder = flown_alone(fly_run, operator, CAN_GO_DARK)

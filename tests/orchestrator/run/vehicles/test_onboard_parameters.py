@@ -129,7 +129,7 @@ def with_vehicle(
     ("autopilot", "name", "before"),
     [("ardupilot", "GUID_TIMEOUT", 3.0), ("px4", "COM_OF_LOSS_T", 1.0)],
 )
-def test_what_the_campaign_sets_is_set_back(
+def test_parameters_that_the_campaign_sets_are_set_back(
     autopilot: AutopilotName, name: str, before: float
 ) -> None:
     async def script(rig: Rig) -> None:
@@ -151,7 +151,7 @@ def test_what_the_campaign_sets_is_set_back(
     with_vehicle(autopilot, script, params={name: 5.0})
 
 
-def test_what_counts_at_boot_alone_is_refused_and_set_back() -> None:
+def test_a_parameter_that_counts_at_boot_alone_is_refused_and_set_back() -> None:
     async def script(rig: Rig) -> None:
         onboard = rig.onboard()
         await onboard.apply(rig.context)
@@ -201,7 +201,7 @@ asyncio.run(main())
 """
 
 
-def test_what_a_run_left_that_was_killed_is_set_back_by_the_next() -> None:
+def test_parameters_that_a_killed_run_left_are_set_back_by_the_next_run() -> None:
     async def script(rig: Rig) -> None:
         identity = rig.context.driver.identity
         vehicle = f"ardupilot {identity.system_id} {identity.uid}"
@@ -274,7 +274,7 @@ def test_an_attached_vehicle_has_its_own_fence_again(
         ("px4", "COM_OF_LOSS_T", "GF_MAX_VER_DIST"),
     ],
 )
-def test_who_may_be_in_the_air_still_is_restored_by_the_next_start(
+def test_a_vehicle_that_may_still_be_in_the_air_is_restored_by_the_next_start(
     autopilot: AutopilotName, name: str, ceiling: str, settled: bool
 ) -> None:
     bounds: dict[str, Any] = {"east_m": (-4, 4), "up_m": (-1, 9)}

@@ -51,7 +51,7 @@ def hover(tmp_path: Path) -> Any:
     return fly
 
 
-def test_what_was_checked_is_in_the_result_and_the_log(fly_run: Fly) -> None:
+def test_preflight_checks_are_in_the_result_and_the_log(fly_run: Fly) -> None:
     result, folder = fly_run(sets=BRIEF)
     assert {item.outcome for item in result.preflight} == {"ok"}
     found = [(item.check, item.vehicle) for item in result.preflight]
@@ -67,7 +67,7 @@ def test_what_was_checked_is_in_the_result_and_the_log(fly_run: Fly) -> None:
     assert [(line["check"], line["vehicle"]) for line in noted] == found
 
 
-def test_what_is_done_before_arming_is_one_record_in_its_order(fly_run: Fly) -> None:
+def test_steps_before_arming_are_recorded_in_their_order(fly_run: Fly) -> None:
     result, folder = fly_run(sets=BRIEF)
     steps = result.before_arming
     of_each = [("parameters", "real"), ("fence", "real"), ("parameters", "twin"), ("fence", "twin")]
@@ -85,7 +85,7 @@ def test_what_is_done_before_arming_is_one_record_in_its_order(fly_run: Fly) -> 
     assert [(line["step"], line["text"]) for line in noted] == [(o.step, o.text) for o in steps]
 
 
-def test_the_step_that_speaks_against_arming_is_the_last(hover: Any) -> None:
+def test_the_step_that_prevents_arming_is_the_last(hover: Any) -> None:
     flight = hover("preflight.start_tolerance_m=1e-12")
     *before, last = flight.result.before_arming
     assert (last.step, last.ok) == ("preflight", False)
@@ -113,7 +113,9 @@ def test_the_step_that_speaks_against_arming_is_the_last(hover: Any) -> None:
         ((FENCE, "geofence.keep_m=0.99", "preflight.start_tolerance_m=1e-12"), "twin position"),
     ],
 )
-def test_what_is_refused_never_arms(hover: Any, sets: tuple[str, ...], said: str) -> None:
+def test_a_vehicle_that_the_preflight_refuses_never_arms(
+    hover: Any, sets: tuple[str, ...], said: str
+) -> None:
     flight = hover(*sets)
     assert flight.result.verdict == "ERROR"
     assert flight.result.reason.startswith("preflight: ")
@@ -123,7 +125,7 @@ def test_what_is_refused_never_arms(hover: Any, sets: tuple[str, ...], said: str
 
 
 @pytest.mark.usefixtures("forked_workers")
-def test_what_is_overridden_flies_and_says_by_whom(
+def test_an_overridden_check_lets_it_fly_and_names_the_person(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sets = ("vehicles.twin.params={NAV_DLL_ACT: 0}", "preflight.override.failsafe=J. Doe")
@@ -209,7 +211,7 @@ def test_a_disk_without_room_is_reported_before_the_first_run(
     assert not list(out.rglob("result.json"))
 
 
-def test_commands_that_nobody_signs_are_shown_by_the_preflight(hover: Any) -> None:
+def test_the_preflight_shows_that_commands_are_not_signed(hover: Any) -> None:
     def operator_items(commands: str) -> list[Item]:
         mqtt = f"{{broker: 'mqtt://127.0.0.1', commands: {commands}}}"
         flown = hover(f"operator.mqtt={mqtt}")

@@ -30,7 +30,7 @@ class Failing:
         return True
 
 
-async def test_of_several_failures_of_a_restoration_none_is_hidden() -> None:
+async def test_no_failure_of_a_restoration_is_hidden() -> None:
     noted = MissionError("the backup is left; remove it")
     noted.add_note("CEILING stays 12")
     restoration = Restoration()

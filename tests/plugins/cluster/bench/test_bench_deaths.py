@@ -175,7 +175,7 @@ def _is_guard(one: psutil.Process, run: psutil.Process) -> bool:
     return False
 
 
-def test_the_guard_lands_what_a_killed_process_flew_and_nobody_flies_it_again(
+def test_the_guard_lands_the_vehicle_of_a_killed_process_and_it_flies_no_more(
     tmp_path: Path,
 ) -> None:
     port = free_port()

@@ -113,7 +113,7 @@ def order_of(campaign: Campaign, folder: Path, *, arm: bool = True) -> RunOrder:
     return RunOrder(plan=plan, folder=folder / plan.name, clock="wall", arm=arm)
 
 
-def test_the_gate_of_a_bench_passes_what_was_consented_to_and_no_more(tmp_path: Path) -> None:
+def test_the_gate_of_a_bench_passes_the_consented_runs_and_no_more(tmp_path: Path) -> None:
     path, bench = write_campaign(tmp_path), write_bench(tmp_path)
     order = RunOrdered(order_of(load_campaign(path, Options(benches=(bench,))), tmp_path))
     gate = BenchGate(bench)
@@ -176,7 +176,7 @@ def test_a_bench_is_flown_on_by_one_program_at_a_time(tmp_path: Path) -> None:
         pass
 
 
-def test_what_cannot_be_served_or_reached_is_exit_2(
+def test_a_bench_that_cannot_be_served_or_reached_is_exit_2(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, bench = write_campaign(tmp_path), write_bench(tmp_path)

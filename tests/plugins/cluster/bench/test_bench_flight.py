@@ -92,7 +92,7 @@ def vehicle_at(port: int) -> Iterator[None]:
         process.wait()
 
 
-def test_a_bench_flies_after_consent_and_what_dies_in_flight_is_never_flown_again(
+def test_a_bench_flies_after_consent_and_never_repeats_a_run_that_died_in_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from wil_campaign.campaigns.values.sensor_setups import CameraSetup, GpsSetup
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, OtherSetup
 from wil_campaign.plugins.ros2.messages.reading_messages import reading_messages, sensor_transforms
 from wil_campaign.plugins.ros2.messages.ros_messages import (
     CAMERA_INFO,
@@ -42,6 +42,7 @@ from wil_campaign.vehicles.readings import (
     Reading,
     sensor_type_of,
 )
+from wil_campaign.vehicles.sensors.gps import GpsOptions
 from wil_campaign.worlds.camera import CameraMount, Intrinsics
 from wil_campaign.worlds.frames import Pose, quat_from_euler
 
@@ -125,7 +126,7 @@ def test_depth_is_in_metres_and_infinite_where_nothing_is() -> None:
     assert np.array_equal(message.data.view(np.float32).reshape(6, 8), DEPTHS)
 
 
-def test_intrinsics() -> None:
+def test_intrinsics_become_a_camera_info() -> None:
     message = read(MAKE.camera_info(LENS, STAMP_NS, "c"), CAMERA_INFO)
     assert list(message.k) == [5.0, 0.0, 3.5, 0.0, 5.5, 2.5, 0.0, 0.0, 1.0]
     assert list(message.p) == [5.0, 0, 3.5, 0, 0, 5.5, 2.5, 0, 0, 0, 1, 0]
@@ -171,7 +172,7 @@ def test_a_fix_has_variances_and_says_when_it_is_none() -> None:
     assert read(MAKE.fix(none, STAMP_NS, "gps"), FIX).status.status == -1
 
 
-def test_a_range() -> None:
+def test_a_range_reading_becomes_a_message() -> None:
     found = RangefinderReading(1.0, 1.0, 0, "mixed", np.inf, 0.1, 9.0)
     message = read(MAKE.range(found, STAMP_NS, "down"), RANGE)
     assert (message.range, message.min_range) == (np.inf, pytest.approx(0.1))
@@ -202,7 +203,9 @@ def test_frames_of_sensors_have_names_that_topics_can_have() -> None:
     gimbal = CameraSetup(
         name="down", rate_hz=10, intrinsics=LENS, mount=CameraMount(stabilized=True)
     )
-    found = sensor_transforms((camera, gimbal, GpsSetup(name="gps", rate_hz=5)))
+    found = sensor_transforms(
+        (camera, gimbal, OtherSetup(kind="gps", name="gps", options=GpsOptions()))
+    )
     assert [one.child for one in found] == ["front_left_optical", "gps"]
 
 

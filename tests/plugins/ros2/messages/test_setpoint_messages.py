@@ -96,7 +96,7 @@ def test_the_first_point_of_a_trajectory() -> None:
         (trajectory("map", [], []), TRAJECTORY, "neither transforms nor velocities"),
     ],
 )
-def test_what_is_no_setpoint(message: Any, kind: str, text: str) -> None:
+def test_a_message_that_is_no_setpoint_is_refused(message: Any, kind: str, text: str) -> None:
     with pytest.raises(BadSetpointError, match=text):
         setpoint_of(message, kind, NORTH)
 

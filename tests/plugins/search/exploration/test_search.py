@@ -90,7 +90,7 @@ def test_each_pair_of_levels_that_the_constraints_admit_stands_together(text: st
     assert points == list(fixed_points("pairwise", space, 1))
 
 
-def test_of_a_grid_too_large_to_list_pairs_are_added_from_random_combinations(
+def test_pairs_of_a_grid_too_large_to_list_come_from_random_combinations(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     space = plane(z=1, w=1, constraints=("x + y <= 0",))
@@ -135,7 +135,7 @@ class Recorded(FixedStrategy):
         self.given[number] = value
 
 
-def test_what_cannot_be_flown_is_not_and_what_shows_nothing_tells_the_strategy_nothing() -> None:
+def test_a_variant_that_is_refused_or_shows_nothing_gives_the_strategy_no_value() -> None:
     space = plane()
 
     def refuse(variant: Variant) -> str:
@@ -268,7 +268,7 @@ def test_stop_after_confirms_at_once_and_flies_no_more() -> None:
     assert "stop_after" in findings.ended
 
 
-def test_the_dearer_mode_flies_what_fails_in_the_cheaper_one_or_may_by_the_gap() -> None:
+def test_the_dearer_mode_flies_failures_of_the_cheaper_one_and_those_within_the_gap() -> None:
     def shifted(by: float) -> Any:
         def answer(values: Values, mode: str, seed: int) -> float:
             noise = 0.01 * seed if mode == "wil" else 0.0
@@ -297,7 +297,7 @@ def test_the_dearer_mode_flies_what_fails_in_the_cheaper_one_or_may_by_the_gap()
 @pytest.mark.parametrize(
     ("in_wil", "is_open"), [(0.5, False), (None, True)], ids=["all pass there", "all INVALID there"]
 )
-def test_what_failed_in_the_cheaper_mode_is_open_until_the_dearer_one_answers(
+def test_a_failure_in_the_cheaper_mode_is_open_until_the_dearer_mode_answers(
     in_wil: float | None, is_open: bool
 ) -> None:
     """Of four failures in sim the budget of wil takes two: the others are never answered."""
@@ -309,7 +309,7 @@ def test_what_failed_in_the_cheaper_mode_is_open_until_the_dearer_one_answers(
     assert answered.isdisjoint(open_names) != is_open
 
 
-def test_what_failed_in_sim_and_passed_far_from_everything_in_wil_is_settled() -> None:
+def test_a_failure_in_sim_is_settled_by_a_pass_far_from_everything_in_wil() -> None:
     far = FlightOutcome(verdict="PASS", value=None)
     hit = FlightOutcome(verdict="FAIL", value=-0.5, cause="collision/twin")
     given = problem(plane(), budget={"sim": 4, "wil": 4}, reduce_flights=0)
@@ -319,7 +319,7 @@ def test_what_failed_in_sim_and_passed_far_from_everything_in_wil_is_settled() -
     assert search.findings.open_failures == ()
 
 
-def test_what_passed_far_from_everything_is_passed_on_until_the_gap_is_measured() -> None:
+def test_a_pass_far_from_everything_is_passed_on_until_the_gap_is_measured() -> None:
     """Without a margin in sim nothing is known of the dearer mode, which may fail."""
 
     def fly_far(batch: Batch) -> list[FlightOutcome]:
@@ -334,14 +334,14 @@ def test_what_passed_far_from_everything_is_passed_on_until_the_gap_is_measured(
     assert search.findings.confirmed
 
 
-def test_what_passed_far_from_everything_comes_last_and_not_once_the_gap_is_measured() -> None:
+def test_a_pass_far_from_everything_comes_last_until_the_gap_is_measured() -> None:
     values = [("far", math.inf), ("a", 0.9), ("b", 0.2)]
     assert passed_on(values, ModeGap("sim", "wil"), probes=1, most=10) == ["b", "a", "far"]
     measured = ModeGap("sim", "wil", (-0.1, 0.0, 0.1))
     assert passed_on(values, measured, probes=1, most=10) == ["b"]
 
 
-def test_until_the_gap_is_measured_the_worst_are_passed_on_to_measure_it() -> None:
+def test_the_worst_are_passed_on_until_the_gap_is_measured() -> None:
     values = [("a", 0.9), ("b", -0.1), ("c", 0.2), ("d", 0.5)]
     unmeasured = ModeGap("sim", "wil", (0.1, 0.1))
     assert passed_on(values, unmeasured, probes=1, most=10) == ["b", "c", "d"]

@@ -52,7 +52,7 @@ def test_the_last_new_reading_or_cell_is_known_by_its_flight() -> None:
     assert (one.newest, one.reduced) == (5, 2)
 
 
-def test_what_was_never_seen_has_no_distance_and_every_sensor_its_own_count() -> None:
+def test_an_unseen_object_has_no_distance_and_each_sensor_counts_alone() -> None:
     other = SensedView(sensor="lidar", cells=((0, 5),), reduced=("5",), nearest_m=9.0)
     gate, lidar = sensed_coverage([((seen(), other), False)])
     assert (gate.seen, gate.nearest_m, gate.newest) == (0, None, 0)

@@ -140,7 +140,7 @@ def test_margins_of_several_units_are_divided_by_their_measure() -> None:
     [("PASS", 0.2, 0.2), ("PASS", None, None), ("FAIL", 0.2, 0.0), ("FAIL", -0.3, -0.3),
      ("FAIL", None, 0.0), ("INVALID", -0.3, None), ("ERROR", 0.2, None)],
 )  # fmt: skip
-def test_a_failure_is_never_above_0_and_what_proves_nothing_has_no_value(
+def test_a_failure_is_never_above_0_and_an_unproven_flight_has_no_value(
     verdict: str, margin: float | None, value: float | None
 ) -> None:
     outcome = Objective(oracles=("reached",), scale={}).outcome(

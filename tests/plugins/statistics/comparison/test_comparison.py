@@ -73,7 +73,7 @@ def near(cell: str, margins_m: Sequence[float | None]) -> list[Flight]:
     return [replace(one, margin_m=each) for one, each in zip(plain, margins_m, strict=True)]
 
 
-def test_from_nothing_near_to_near_contact_is_worse() -> None:
+def test_near_contact_is_worse_than_nothing_near() -> None:
     apart, close = near("a", [None] * 10), near("a", [0.15] * 10)
     (worse,) = compared(apart, close, margin=0.5).worse
     assert (worse.what, worse.before, worse.after) == ("margin of collision", 2.0, 0.15)
@@ -177,7 +177,9 @@ def test_the_command_exits_1_when_a_case_became_worse(tmp_path: Path, capsys: Ca
     assert json.loads(last[last.index('{\n  "schema"') :])["changes"][0]["outcome"] == "not worse"
 
 
-def test_what_is_not_judged_any_more_is_no_good_comparison(tmp_path: Path, capsys: Capture) -> None:
+def test_a_case_that_is_not_flown_any_more_is_no_good_comparison(
+    tmp_path: Path, capsys: Capture
+) -> None:
     one, two = flights("a", "wil", "PPP", TEN[:3]), flights("b", "wil", "PPP", TEN[:3])
     both = write_flown(tmp_path / "both", [*one, *two], with_motion=False)
     fewer = write_flown(tmp_path / "fewer", one, with_motion=False)
@@ -226,7 +228,7 @@ def test_an_oracle_that_is_gone_is_no_good_comparison(
         ({"broken": None}, "summary.json does not record the end of the campaign"),
     ],
 )
-def test_what_ended_a_campaign_outside_of_its_runs_is_named(
+def test_the_end_of_a_campaign_outside_of_its_runs_is_named(
     tmp_path: Path, capsys: Capture, how: dict[str, Any], said: str
 ) -> None:
     flown = flights("a", "wil", "P" * 5, TEN[:5])
@@ -354,7 +356,7 @@ def test_repeats_of_one_flight_are_equal_runs() -> None:
         ("another campaign", 2, "contains no campaign 'gate' that was flown before"),
     ],
 )
-def test_what_cannot_be_compared(
+def test_folders_that_cannot_be_compared_are_refused(
     tmp_path: Path, capsys: Capture, kind: str, code: int, words: str
 ) -> None:
     now = write_flown(tmp_path / "now", flights("a", "wil", "PP", TEN[:2]), with_motion=False)
@@ -487,7 +489,7 @@ def test_flights_by_other_settings_are_no_good_comparison(
         ),
     ],
 )
-def test_another_subject_is_what_a_comparison_is_for(
+def test_campaigns_of_different_subjects_may_be_compared(
     tmp_path: Path, capsys: Capture, manifest: dict[str, Any], said: str
 ) -> None:
     old, new = flown_as(tmp_path / "old"), flown_as(tmp_path / "new", **manifest)

@@ -104,7 +104,7 @@ def test_other_inputs_are_not_the_same_flight(
     assert [one["kind"] for one in varied] == kinds
 
 
-def test_on_the_wall_clock_nothing_is_called_flaky(tmp_path: Path, capsys: Capture) -> None:
+def test_nothing_is_called_flaky_on_the_wall_clock(tmp_path: Path, capsys: Capture) -> None:
     flown(tmp_path, 1, "PPP", clock="wall")
     flown(tmp_path, 2, "PPF", clock="wall")
     (one,) = shown(capsys, tmp_path / "results")["variations"]

@@ -74,7 +74,7 @@ def test_the_rounded_test_agrees_with_the_exact_one(drawn: list[list[list[int]]]
     assert stratified_rounded(tables) == pytest.approx(stratified_exact(tables), abs=1e-9)
 
 
-def test_the_rounded_test_of_what_is_next_to_impossible_is_zero() -> None:
+def test_the_rounded_test_of_a_nearly_impossible_result_is_zero() -> None:
     assert stratified_rounded([(Counts(0, 2000), Counts(2000, 2000))]) == pytest.approx(0.0)
 
 

@@ -36,7 +36,7 @@ def written(folder: Path, model: str = "tiny.onnx", keep: str = "red") -> Path:
     return path
 
 
-def test_only_what_is_wanted_is_laid_over(tmp_path: Path) -> None:
+def test_only_the_kept_part_is_laid_over(tmp_path: Path) -> None:
     (mixer,) = compile_recipe(load_recipe_file(written(tmp_path)), object_ids={})
     image: Any = np.zeros((48, 64, 3), np.uint8)
     image[:24, :32] = (0, 0, 255)
@@ -48,6 +48,27 @@ def test_only_what_is_wanted_is_laid_over(tmp_path: Path) -> None:
     assert (mixed.image_bgr[24:] == plain()[24:]).all()
 
 
+def test_of_a_network_with_masks_the_pixels_of_the_object_are_kept_and_not_its_box(
+    tmp_path: Path,
+) -> None:
+    path = written(tmp_path)
+    (tmp_path / "tiny.onnx").write_bytes(tiny_detector("v8", masks=True))
+    image: Any = np.full((48, 64, 3), (255, 0, 0), np.uint8)
+    image[:16, :20] = (0, 0, 255)
+    kept = {}
+    for grow_px in (0, 2):
+        path.write_text(RECIPE.replace("MODEL", f"tiny.onnx\n          grow_px: {grow_px}"))
+        path.write_text(path.read_text().replace("KEEP", "red"))
+        (mixer,) = compile_recipe(load_recipe_file(path), object_ids={})
+        mixed = mixer.mix(camera(plain(), "real"), camera(image), now_s=1.1).reading
+        assert mixed is not None
+        kept[grow_px] = (mixed.image_bgr != plain()).any(axis=2)
+    assert kept[0][:14, :18].all()
+    assert not kept[0][20:, :].any()
+    assert not kept[0][:, 26:].any()
+    assert kept[2].sum() > kept[0].sum()
+
+
 @pytest.mark.parametrize(
     ("model", "keep", "said"),
     [
@@ -56,7 +77,7 @@ def test_only_what_is_wanted_is_laid_over(tmp_path: Path) -> None:
         ("tiny.onnx", "gren", "did you mean 'green'?"),
     ],
 )
-def test_what_is_wrong_is_reported_with_its_place(
+def test_a_wrong_detector_is_reported_with_its_place(
     tmp_path: Path, model: str, keep: str, said: str
 ) -> None:
     with pytest.raises(BadInput) as caught:

@@ -214,7 +214,7 @@ def test_decimation_keeps_each_nth() -> None:
 
 
 @pytest.mark.parametrize("method", ["mog2", "knn"])
-def test_what_moves_stands_out_from_a_learned_background(method: Any) -> None:
+def test_a_moving_object_stands_out_from_a_learned_background(method: Any) -> None:
     rng = np.random.default_rng(3)
     empty = rng.integers(60, 90, (HEIGHT, WIDTH, 3), dtype=np.uint8)
     step = build("subtract_background", method=method, learn=20)

@@ -109,7 +109,7 @@ def test_a_soft_edge_is_none_where_the_picture_ends() -> None:
     npst.arrays(np.float32, (6, 8), elements=st.floats(0, 10, width=32)),
     npst.arrays(np.bool_, (6, 8)),
 )
-def test_what_is_nearer_hides_what_is_farther(far: Any, near: Any, mask: Any) -> None:
+def test_a_nearer_pixel_hides_a_farther_one(far: Any, near: Any, mask: Any) -> None:
     small = {"width": 8, "height": 6}
     real = camera(plain(GREEN, **small), "real", depth_m=far)
     twin = camera(plain(RED, **small), depth_m=near)

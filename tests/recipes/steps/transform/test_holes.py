@@ -37,7 +37,7 @@ def test_a_wide_opening_stays_open_to_its_edge() -> None:
         fill=st.just(np.float32(np.inf)),
     )
 )
-def test_what_is_known_stays_and_nothing_is_farther_or_nearer_than_what_is_seen(
+def test_known_depth_stays_and_filled_depth_is_no_nearer_than_it(
     depth_m: Any,
 ) -> None:
     made = filled(depth_m)

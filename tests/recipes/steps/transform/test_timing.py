@@ -89,7 +89,7 @@ def test_between_two_readings_of_each_kind() -> None:
     assert between(cloud([[1, 2, 3]], t_s=0.0), cloud([[1, 2, 3]], t_s=1.0), 0.5) is None
 
 
-def test_only_what_has_a_between_can_be_interpolated() -> None:
+def test_only_types_with_a_between_can_be_interpolated() -> None:
     parameters = build.__globals__["find"]("resample").parameters(how="interpolate")
     assert not any(parameters.refuses(kind) for kind in INTERPOLATED)
     assert "cannot be interpolated" in parameters.refuses("camera")

@@ -26,7 +26,7 @@ from wil_campaign.recipes.model.registry import find
 from wil_campaign.recipes.operations.step_parameters import RotationPart
 from wil_campaign.recipes.operations.unit_factors import METRES
 from wil_campaign.recipes.working import CannotMixError, Masked
-from wil_campaign.vehicles.readings import SENSOR_TYPES
+from wil_campaign.vehicles.readings import sensor_names
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import (
     Pose,
@@ -91,7 +91,7 @@ class CountReading:
 def test_units_take_every_sensor_type_and_convert_what_they_know_of() -> None:
     kind = find("units", "transform")
     assert kind is not None
-    assert kind.sensors == tuple(SENSOR_TYPES)
+    assert kind.sensors == sensor_names()
     unknown: Any = CountReading(3)
     assert apply("units", unknown).reading == unknown
     with pytest.raises(TypeError, match="units of a CountReading"):
@@ -176,7 +176,7 @@ def test_a_rotation_is_the_same_in_all_three_forms(truth: Any) -> None:
         {"yaw_deg": 3.0, "q_wxyz": [1.0, 0, 0, 0]},
     ],
 )
-def test_what_is_no_rotation_is_refused(bad: Any) -> None:
+def test_a_value_that_is_no_rotation_is_refused(bad: Any) -> None:
     with pytest.raises(ValueError, match=r"rotation|direction"):
         RotationPart(**bad)
 
@@ -260,7 +260,7 @@ def test_scans_and_depth_become_points() -> None:
     assert len(apply("to_points", depth(2.0), every=4).reading.points_frd_m) == 12 * 16
 
 
-def test_points_are_made_of_what_is_kept_only() -> None:
+def test_points_are_made_of_kept_readings_alone() -> None:
     work = Masked(scan([1.0, 2.0, 3.0]), np.array([255, 0, 255], np.uint8))
     assert len(build("to_points")(work, None).reading.points_frd_m) == 2
 

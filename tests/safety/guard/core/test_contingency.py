@@ -28,7 +28,7 @@ def at_phase(phase: Phase, *, plan: ContingencyPlan | None = None) -> Contingenc
     return contingency
 
 
-def test_the_way_down_when_all_obeys() -> None:
+def test_an_obedient_vehicle_goes_through_all_phases_of_the_way_down() -> None:
     c = Contingency(ContingencyPlan())
     assert c.start(FLYING, 0.0) == [Action.ZERO, Action.HOLD]
     assert c.step(FLYING, 0.05) == [Action.ZERO]
@@ -80,7 +80,7 @@ def test_the_way_down_when_all_obeys() -> None:
         (Phase.PILOT, {"mode": Mode.GUIDED}, Phase.PILOT),
     ],
 )
-def test_table(phase: Phase, facts: dict[str, object], to: Phase) -> None:
+def test_each_phase_has_its_next_phase(phase: Phase, facts: dict[str, object], to: Phase) -> None:
     c = at_phase(phase)
     c.step(replace(FLYING, **facts), 0.3)  # type: ignore[arg-type] # fields by name
     assert c.phase is to
@@ -253,7 +253,9 @@ facts_strategy = st.builds(
 
 
 @given(st.lists(st.tuples(facts_strategy, st.floats(0.01, 4)), max_size=60), st.booleans())
-def test_whatever_it_sees(steps: list[tuple[Facts, float]], opted_in: bool) -> None:
+def test_an_obedient_vehicle_comes_down_from_any_state(
+    steps: list[tuple[Facts, float]], opted_in: bool
+) -> None:
     c = started(ContingencyPlan(terminate=opted_in))
     t_s = 0.0
     for facts, wait_s in steps:

@@ -40,7 +40,7 @@ def fly(pair: Any, seconds: float, each: Callable[[float], None]) -> None:
     pair.fly(seconds, each=lambda: each(pair.t_s - since_s))
 
 
-def test_who_leaves_the_fence_beside_a_frozen_source_is_stopped(pair: Any) -> None:
+def test_a_vehicle_that_leaves_the_fence_beside_a_frozen_source_is_stopped(pair: Any) -> None:
     anchored(pair)
 
     def each(t_s: float) -> None:
@@ -72,7 +72,7 @@ def test_a_source_that_gives_new_positions_again_is_believed_again(pair: Any) ->
     assert pair.kinds() == ["pose"]
 
 
-def test_equal_positions_of_one_that_stays_are_no_sign_of_anything(pair: Any) -> None:
+def test_equal_positions_of_a_staying_vehicle_are_no_sign_of_a_frozen_source(pair: Any) -> None:
     anchored(pair, north_m=9.0)  # where its estimate were believed, it would be outside
 
     def each(t_s: float) -> None:
@@ -177,9 +177,7 @@ def below(fake_vehicle: Any, rig: Any, *, rises_m: float = 0.0) -> list[str]:
     return [event.text for event in pair.events if event.kind == "fence"]
 
 
-def test_the_floor_is_no_limit_for_one_that_has_not_left_the_ground(
-    fake_vehicle: Any, rig: Any
-) -> None:
+def test_the_floor_is_no_limit_for_a_vehicle_on_the_ground(fake_vehicle: Any, rig: Any) -> None:
     """It "cannot stop before the fence's floor", by an estimate that errs, while it spools up."""
     assert below(fake_vehicle, rig) == []
     (said,) = below(fake_vehicle, rig, rises_m=1.2)

@@ -93,7 +93,7 @@ def test_a_ground_station_takes_over_by_a_mode_command(
         (velocity(Target(2)), "SET_POSITION_TARGET_LOCAL_NED"),
     ],
 )
-def test_what_a_ground_station_would_change_does_not_reach_the_vehicle(
+def test_changes_by_a_ground_station_do_not_reach_the_vehicle(
     fake_vehicle: Any, rig: Any, message: Any, name: str
 ) -> None:
     for armed in (True, False):
@@ -115,7 +115,7 @@ def test_a_ground_station_s_files_are_read_and_not_written(pair: Any) -> None:
         assert sent is (opcode not in range(6, 14))
 
 
-def test_a_message_of_a_ground_station_that_nobody_knows_is_not_forwarded(pair: Any) -> None:
+def test_an_unknown_message_of_a_ground_station_is_not_forwarded(pair: Any) -> None:
     number = 60000
     assert number not in mavlink.mavlink_map
     head = bytes([0xFD, 1, 0, 0, 7, 255, 190]) + number.to_bytes(3, "little")

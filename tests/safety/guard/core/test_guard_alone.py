@@ -83,9 +83,7 @@ def test_a_silent_vehicle_is_not_waited_for(pair: Any) -> None:
     assert pair.core.all_down
 
 
-def test_one_that_may_be_in_the_air_still_is_waited_for_though_it_is_silent(
-    fake_vehicle: Any, rig: Any
-) -> None:
+def test_a_silent_vehicle_that_may_be_in_the_air_is_waited_for(fake_vehicle: Any, rig: Any) -> None:
     actor = GuardedVehicle(
         autopilot=Px4(), target=Target(2), fence=FENCE, lands_alone=True, attached=True
     )
@@ -103,7 +101,7 @@ def test_one_that_may_be_in_the_air_still_is_waited_for_though_it_is_silent(
     assert not pair.core.all_down
 
 
-def test_what_befalls_the_other_brings_down_both(pair: Any) -> None:
+def test_a_breach_by_one_vehicle_brings_down_both(pair: Any) -> None:
     pair.vehicles["real"].north_m_s = 2.0
     pair.fly(15.0)
     assert pair.kinds() == ["fence"]

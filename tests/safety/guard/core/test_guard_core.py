@@ -320,7 +320,7 @@ def test_a_resume_of_nothing_is_refused(pair: Any) -> None:
         (mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_PX4),
     ],
 )
-def test_somebody_elses_heartbeat_is_no_state_and_no_sign_of_life(
+def test_a_foreign_heartbeat_is_no_state_and_no_sign_of_life(
     pair: Any, kind: int, flown_by: int
 ) -> None:
     """It would say disarmed, RTL (px4: MANUAL), critical: a takeover, a failsafe, or a landing."""

@@ -17,7 +17,9 @@ from wil_campaign.safety.guard.core.events import EventKind, GuardEvent, brings_
         ("alone", None, False),
     ],
 )
-def test_what_an_event_decides(kind: EventKind, verdict: str | None, *, lands: bool) -> None:
+def test_each_event_of_the_guard_has_its_verdict(
+    kind: EventKind, verdict: str | None, *, lands: bool
+) -> None:
     event = GuardEvent(1.0, kind, "real", "why")
     decided = decisive(event)
     assert (None if decided is None else decided.kind) == verdict

@@ -156,7 +156,7 @@ def test_nothing_that_moves_the_vehicle_passes(pair: Any, frame: bytes) -> None:
         command(mavlink.MAV_CMD_REQUEST_MESSAGE, 148),
     ],
 )
-def test_what_only_asks_or_keeps_alive_passes(pair: Any, frame: bytes) -> None:
+def test_requests_and_heartbeats_pass_after_an_abort(pair: Any, frame: bytes) -> None:
     abort(pair)
     assert to_orchestrator(pair, "real", frame) == (frame,)
 
@@ -236,7 +236,7 @@ def test_motors_are_cut_as_the_campaign_allows(
     assert "TERMINATE" not in pair.vehicles["twin"].words()
 
 
-def test_a_landing_that_nobody_reports_still_ends_disarmed(fake_vehicle: Any, rig: Any) -> None:
+def test_an_unreported_landing_still_ends_disarmed(fake_vehicle: Any, rig: Any) -> None:
     pair = make_pair(fake_vehicle, rig, real={"tells_landed": False, "disarms": False})
     abort(pair)
     pair.fly(30.0)

@@ -160,7 +160,7 @@ class Guarded(RuleBasedStateMachine):
         super().teardown()
 
 
-def test_whatever_happens(fake_vehicle: Any, rig: Any) -> None:
+def test_the_guard_keeps_its_rules_in_any_order_of_events(fake_vehicle: Any, rig: Any) -> None:
     Guarded.make_vehicle, Guarded.make_rig = fake_vehicle, rig
     run_state_machine_as_test(
         Guarded,

@@ -61,7 +61,7 @@ inside = st.tuples(st.floats(-2.6, 4.6), st.floats(-2.6, 2.6), st.floats(-3.6, -
 
 
 @given(vectors)
-def test_what_is_within_the_limits_is_not_touched(asked: Vec3) -> None:
+def test_a_setpoint_within_the_limits_is_not_changed(asked: Vec3) -> None:
     made = limiter(speed_m_s=40.0, acceleration_m_s2=1000.0, floor_up_m=-500, ceiling_up_m=500)
     setpoint = VelocitySetpoint(asked, yaw_rad=0.3)
     assert made.limit(setpoint, AT, 0.0) == (setpoint, ())
@@ -76,7 +76,9 @@ def test_speed_is_cut_and_its_direction_kept(asked: Vec3, limit_m_s: float) -> N
 
 
 @given(st.lists(st.tuples(vectors, st.floats(0.01, 0.4)), min_size=2, max_size=20))
-def test_what_is_asked_changes_no_faster_than_it_may(steps: list[tuple[Vec3, float]]) -> None:
+def test_setpoints_change_no_faster_than_the_acceleration_limit(
+    steps: list[tuple[Vec3, float]],
+) -> None:
     made, t_s = limiter(acceleration_m_s2=2.0), 0.0
     before: Vec3 | None = None
     for asked, after_s in steps:
@@ -97,7 +99,9 @@ def test_after_a_pause_the_vehicle_s_own_motion_is_where_it_starts_from() -> Non
 
 
 @given(inside, vectors)
-def test_from_what_is_given_a_vehicle_can_stop_before_the_fence(place: Vec3, asked: Vec3) -> None:
+def test_a_vehicle_can_stop_before_the_fence_from_any_limited_setpoint(
+    place: Vec3, asked: Vec3
+) -> None:
     got = velocity_after(limiter(inside_fence=True), asked, Motion(place, STANDING))
     breach = FENCE.breached(Motion(place, got), latency_s=LATENCY_S, braking_m_s2=BRAKING_M_S2)
     assert breach is None
@@ -146,7 +150,7 @@ def test_a_far_position_is_drawn_near_by_the_speed_limit() -> None:
     )
 
 
-def test_at_an_unknown_place_nothing_is_asked_that_a_place_would_limit() -> None:
+def test_no_motion_that_a_place_would_limit_passes_at_an_unknown_place() -> None:
     made = limiter(inside_fence=True, ceiling_up_m=3.0)
     assert velocity_after(made, (1.0, 0.0, 0.0), None) == STANDING
     assert velocity_after(limiter(ceiling_up_m=3.0), (1.0, 0.0, -1.0), None) == (1.0, 0.0, 0.0)
@@ -233,7 +237,7 @@ def local(mask: int, frame: int = 1, **fields: float) -> bytes:
         ),
     ],
 )
-def test_what_cannot_be_limited_is_not_passed(raw: bytes) -> None:
+def test_a_setpoint_that_cannot_be_limited_is_not_passed(raw: bytes) -> None:
     assert read_setpoint(frame_of(raw), None) is None
     core = make_core(speed_m_s=1.0)
     (event,) = core.from_orchestrator("real", raw, 0.0)

@@ -56,7 +56,7 @@ def changes(autopilot: Autopilot, *beats: tuple[int, int]) -> list[str]:
         (Px4(), [(OFFBOARD, ACTIVE), (POSCTL, ACTIVE)], ["takeover"]),
     ],
 )
-def test_whose_a_mode_of_a_pilot_is(
+def test_a_mode_of_a_pilot_is_a_takeover_or_a_failsafe_by_its_heartbeats(
     autopilot: Autopilot, beats: list[tuple[int, int]], kinds: list[str]
 ) -> None:
     assert changes(autopilot, *beats) == kinds

@@ -39,7 +39,7 @@ def test_slow_streams_count_too() -> None:
     assert command.velocity(t_s) == pytest.approx(EAST, abs=0.1)
 
 
-def test_it_begins_from_what_the_vehicle_flies() -> None:
+def test_a_command_begins_from_the_velocity_of_the_vehicle() -> None:
     command, t_s = after(EAST)
     assert command.velocity(t_s) == FLYING.velocity_ned_m_s
 

@@ -96,7 +96,7 @@ async def test_frames_of_another_component_are_no_sign_of_the_vehicle() -> None:
 
 
 @pytest.mark.parametrize("target", [None, Target(1)])
-def test_what_came_before_the_last_frame_or_the_vehicle_was_found_is_passed_over(
+def test_arrivals_before_the_last_frame_or_without_a_vehicle_are_skipped(
     target: Target | None,
 ) -> None:
     session = Session(link=TappedLink(ChannelLink(name="near", index=0)), own=Target(245))

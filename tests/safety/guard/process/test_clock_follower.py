@@ -133,7 +133,7 @@ def test_a_simulation_that_heeds_a_pace_keeps_the_time_of_one_that_does_not(heed
     assert told[heeds][-1] == pytest.approx(4.8, rel=0.02)
 
 
-def test_of_two_that_heed_a_pace_the_twin_keeps_the_time_of_the_leader() -> None:
+def test_a_twin_that_heeds_a_pace_keeps_the_time_of_the_leader() -> None:
     told: dict[str, list[float]] = {"real": [], "twin": []}
     rates = {
         "real": lambda _: 4.5,  # the machine gives it no more

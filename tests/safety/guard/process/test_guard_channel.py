@@ -58,7 +58,7 @@ def position(t_s: float) -> Position:
     return Position(0, t_s, (0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0), AT_REST)
 
 
-async def test_a_command_overtakes_what_waits_and_takes_it_along() -> None:
+async def test_a_command_overtakes_waiting_messages_and_takes_them_along() -> None:
     ends = Ends()
     abort = Operate(OperatorCommand("abort", "anna"))
     ends.sender.send_soon(position(1.0), key=0, within_s=30.0)
@@ -82,7 +82,7 @@ async def test_a_setpoint_that_is_limited_comes_after_the_position_that_limits_i
     ends.close()
 
 
-async def test_what_replaces_another_that_waits_goes_alone() -> None:
+async def test_a_message_replaces_the_one_that_waits() -> None:
     ends = Ends()
     ends.sender.send_soon(position(1.0), key=0, within_s=0.05)
     ends.sender.send(position(2.0), replaces=0)
@@ -91,7 +91,7 @@ async def test_what_replaces_another_that_waits_goes_alone() -> None:
     ends.close()
 
 
-async def test_what_waits_goes_by_itself_in_time() -> None:
+async def test_a_waiting_message_is_sent_in_time() -> None:
     ends = Ends()
     ends.sender.send_soon(position(1.0), key=0, within_s=0.05)
     await ends.until(1)
@@ -205,7 +205,7 @@ def test_a_fence_counts_until_the_guard_has_refused_it(
     assert sent == at_once
 
 
-async def test_what_an_end_that_is_gone_has_sent_is_read_before_the_channel_is_closed() -> None:
+async def test_messages_of_a_closed_end_are_read_before_the_channel_is_closed() -> None:
     """The loop reads a packet a turn; a guard that ends sends its last events at once."""
     ends = Ends()
     for k in range(5):

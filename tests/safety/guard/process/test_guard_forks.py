@@ -63,7 +63,7 @@ async def test_a_guards_vehicle_is_forked_and_ended_by_the_guard(
         assert psutil.Process(pid).status() == psutil.STATUS_ZOMBIE
 
 
-async def test_where_the_server_has_ended_a_vehicle_is_started(
+async def test_a_vehicle_is_started_where_the_server_has_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)

@@ -161,7 +161,9 @@ async def test_fences_are_changed_in_flight_all_or_none(folder: Path) -> None:
         assert breach.vehicle == "twin"
 
 
-async def test_killed_orchestrator(folder: Path, runtime: Path) -> None:
+async def test_the_guard_lands_both_after_a_kill_of_the_orchestrator(
+    folder: Path, runtime: Path
+) -> None:
     program, pids = await start_orchestrator(folder)
     loop = asyncio.get_running_loop()
     killed_s = loop.time()
@@ -182,7 +184,7 @@ async def test_killed_orchestrator(folder: Path, runtime: Path) -> None:
     assert records(runtime) == ()
 
 
-async def test_stopped_orchestrator(folder: Path) -> None:
+async def test_the_guard_lands_both_after_a_stop_of_the_orchestrator(folder: Path) -> None:
     program, pids = await start_orchestrator(folder, patience_s=1.0)
     loop = asyncio.get_running_loop()
     stopped_s = loop.time()
@@ -198,7 +200,7 @@ async def test_stopped_orchestrator(folder: Path) -> None:
     await program.wait()
 
 
-async def test_killed_guard_leaves_the_landing_to_the_autopilots(folder: Path) -> None:
+async def test_a_killed_guard_leaves_the_landing_to_the_autopilots(folder: Path) -> None:
     async with RemoteFlight(folder) as flight:
         os.kill(flight.guard.pid, signal.SIGKILL)
         await until(lambda: flight.kinds() == ["guard"], 30.0)
@@ -214,7 +216,7 @@ async def test_killed_guard_leaves_the_landing_to_the_autopilots(folder: Path) -
         assert "FAILSAFE" in [word for _, word in words(folder, name)]
 
 
-async def test_guard_that_says_nothing_is_taken_for_dead(folder: Path) -> None:
+async def test_a_guard_that_is_silent_is_taken_for_dead(folder: Path) -> None:
     async with RemoteFlight(folder) as flight:
         os.kill(flight.guard.pid, signal.SIGSTOP)
         await until(lambda: flight.kinds() == ["guard"], 30.0)
@@ -223,7 +225,7 @@ async def test_guard_that_says_nothing_is_taken_for_dead(folder: Path) -> None:
     assert all(map(gone, flight.pids.values()))
 
 
-async def test_killed_vehicle_brings_the_other_down(folder: Path) -> None:
+async def test_a_killed_vehicle_brings_the_other_down(folder: Path) -> None:
     async with RemoteFlight(folder) as flight:
         os.kill(flight.pids["real"], signal.SIGKILL)
         assert await flight.guard.all_down(60.0)
@@ -235,7 +237,9 @@ async def test_killed_vehicle_brings_the_other_down(folder: Path) -> None:
     assert words(folder, "twin")[-1][1] == "END armed=False up_m=0.00"
 
 
-async def test_both_killed_leave_nothing(folder: Path, runtime: Path) -> None:
+async def test_nothing_is_left_after_a_kill_of_orchestrator_and_guard(
+    folder: Path, runtime: Path
+) -> None:
     program, pids = await start_orchestrator(folder)
     os.kill(pids["guard"], signal.SIGSTOP)
     program.kill()
@@ -378,7 +382,7 @@ async def test_an_exception_in_the_guard_brings_down_before_anything_is_read_or_
     theirs.close()
 
 
-def test_who_logs_does_not_wait_for_stderr_and_its_thread_has_the_guards_priority(
+def test_logging_does_not_wait_for_stderr_and_its_thread_has_the_guards_priority(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A full pipe is the disk that stands still, until it is read."""

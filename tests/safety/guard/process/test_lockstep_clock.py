@@ -85,7 +85,7 @@ def test_a_vehicle_that_hangs_is_reported_once_and_waited_for_no_more() -> None:
     led(test)
 
 
-def test_an_orchestrator_that_hangs_is_no_trouble_of_a_vehicle_and_is_waited_for_again() -> None:
+def test_a_hanging_orchestrator_is_no_trouble_of_a_vehicle_and_is_awaited_again() -> None:
     def test(wall: Wall) -> None:
         wall.steps(1.0)
         gone_s = wall.end_s

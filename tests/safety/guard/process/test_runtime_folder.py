@@ -95,7 +95,7 @@ def test_a_flight_is_found_where_it_began(usual: Path, other: Path, tmp_path: Pa
         assert runtime_folders() == (other,)
 
 
-def test_what_dead_processes_left_is_swept(usual: Path) -> None:
+def test_files_of_dead_processes_are_removed(usual: Path) -> None:
     folder = open_runtime_folder().path
     assert folder == usual
     alive = folder / f"campaign-{os.getpid()}.sock"
@@ -123,7 +123,7 @@ def test_a_user_without_a_home_has_the_usual_folder_alone(
         open_runtime_folder()
 
 
-def test_a_folder_in_which_sockets_of_multiprocessing_have_too_long_paths_is_not_used(
+def test_a_folder_too_deep_for_sockets_of_multiprocessing_is_not_used(
     short_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     long = short_folder / ("x" * 60)

@@ -162,12 +162,14 @@ async def _everything(driver: Driver, vehicle: EmbeddedVehicle) -> None:
 @pytest.mark.parametrize(
     ("bad", "seed"), [(GOOD, 1), *((BAD, seed) for seed in (1, 2, 3, 4))], ids=_words
 )
-def test_fence_mission_and_parameters(autopilot: AutopilotName, bad: Impairment, seed: int) -> None:
+def test_fence_mission_and_parameters_are_written_and_read_back(
+    autopilot: AutopilotName, bad: Impairment, seed: int
+) -> None:
     _on_board(autopilot, _everything, bad=bad, seed=seed)
 
 
 @BOTH
-async def test_all_of_it_over_udp_on_the_wall_clock(
+async def test_fence_mission_and_parameters_work_over_udp_on_the_wall_clock(
     autopilot: AutopilotName, tmp_path: Path
 ) -> None:
     port = free_port()
@@ -344,7 +346,7 @@ def test_errors_before_the_vehicle_is_known() -> None:
         lambda: AutopilotFence(ceiling_m=-1.0),
     ],
 )
-def test_fences_that_are_none(make: Callable[[], Any]) -> None:
+def test_an_impossible_fence_is_refused(make: Callable[[], Any]) -> None:
     with pytest.raises(ValueError, match="fence"):
         make()
 

@@ -100,7 +100,7 @@ def with_vehicle(autopilot: AutopilotName, script: Script) -> None:
 
 
 @BOTH
-def test_what_is_put_back_is_as_before_the_offer(autopilot: AutopilotName) -> None:
+def test_a_fence_that_is_put_back_is_as_before_the_offer(autopilot: AutopilotName) -> None:
     async def script(rig: Rig) -> None:
         before = rig.parameters
         async with rig.kept() as kept:
@@ -125,7 +125,7 @@ def test_what_is_put_back_is_as_before_the_offer(autopilot: AutopilotName) -> No
 
 @BOTH
 @pytest.mark.parametrize("settled", [True, False])
-def test_its_own_is_given_back_after_changes(
+def test_the_vehicles_own_fence_is_given_back_after_changes(
     autopilot: AutopilotName, settled: bool, tmp_path: Path
 ) -> None:
     async def script(rig: Rig) -> None:

@@ -51,7 +51,7 @@ def context(
     return ParameterBackup(access=access, vehicle="px4 1 7", changes=changes, folder=journal)
 
 
-def test_set_in_order_and_back_in_reverse(tmp_path: Path) -> None:
+def test_parameters_are_set_in_order_and_set_back_in_reverse(tmp_path: Path) -> None:
     access = Access(A=1, B=2.5, C=3)
 
     def backups() -> list[str]:
@@ -82,7 +82,7 @@ def test_nothing_stays_changed_when_one_is_refused() -> None:
     assert "could not restore B" in caught.value.__notes__[0]
 
 
-def test_one_that_is_unknown_changes_none() -> None:
+def test_an_unknown_parameter_changes_none() -> None:
     access = Access(A=1)
 
     async def scenario() -> None:
@@ -113,7 +113,7 @@ def test_the_backup_stays_when_one_cannot_be_set_back(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_flight_s_own_error_is_what_is_raised(tmp_path: Path) -> None:
+def test_the_error_of_the_flight_itself_is_raised(tmp_path: Path) -> None:
     access = Access(A=1)
 
     async def scenario() -> None:
@@ -163,7 +163,7 @@ def test_an_entry_that_is_cancelled_leaves_no_backup(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_dead_disk_is_an_error_and_what_it_takes_after_all_is_removed(
+def test_a_dead_disk_is_an_error_and_its_late_backup_is_removed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def scenario() -> None:
@@ -227,7 +227,7 @@ def killed_run(folder: Path) -> None:
     assert ended.returncode == -signal.SIGKILL
 
 
-def test_what_a_killed_run_left_is_set_back(tmp_path: Path) -> None:
+def test_parameters_that_a_killed_run_left_are_set_back(tmp_path: Path) -> None:
     killed_run(tmp_path)
     # It set them; B has been changed by somebody since, which is none of our business.
     access = Access(A=5, B=3.3)

@@ -46,7 +46,7 @@ def test_a_list_that_did_not_arrive_whole_has_no_digest() -> None:
 
 
 @pytest.mark.parametrize("name", VALUES)
-def test_another_value_is_another_digest(name: str) -> None:
+def test_a_changed_value_changes_the_digest(name: str) -> None:
     whole = len(VALUES)
     changed = digest_of(VALUES | {name: 7.0}, count=whole)
     assert changed != digest_of(VALUES, count=whole) == digest_of(VALUES, count=whole)

@@ -35,7 +35,7 @@ WAYPOINT, START = mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_DO_LAND_START
         ("ardupilot", {"FS_GCS_ENABLE": 6}, {"rally", "landing"}),
     ],
 )
-def test_ways_of_return(
+def test_ways_of_return_follow_from_the_parameters(
     autopilot: AutopilotName, values: Mapping[str, float], ways: set[str]
 ) -> None:
     assert ways_of_return(autopilot, values) == ways
@@ -58,6 +58,6 @@ def test_items_that_are_places() -> None:
     assert [height_above_home_m(items[index]) for index in (0, 4, 6)] == [0.0, 5.0, None]
 
 
-def test_how_far_a_rally_point_may_be() -> None:
+def test_the_limit_of_rally_points_follows_from_its_parameter() -> None:
     assert rally_limit_m({"RALLY_LIMIT_KM": 0.3}) == 300.0
     assert rally_limit_m({"RALLY_LIMIT_KM": 0.0}) == rally_limit_m({}) == float("inf")

@@ -49,7 +49,7 @@ def test_px4_in_sitl_is_a_simulation_whatever_its_system_id(system: int) -> None
     assert known(system, version(CONSTANT, b"")).simulation
 
 
-def test_a_board_is_none() -> None:
+def test_a_board_is_no_simulation() -> None:
     one, other = (known(system, version(0x3132, b"\x01" * 18)) for system in (1, 2))
     assert not one.simulation
     assert same_vehicle(one, other)

@@ -42,7 +42,7 @@ def fly(
     return found.found
 
 
-def test_two_uids() -> None:
+def test_two_uids_are_two_vehicles() -> None:
     found = second()
     for _ in range(3):
         found.version(version(7), 1.0)
@@ -91,7 +91,7 @@ def test_positions_that_are_overtaken_or_doubled_are_of_one_vehicle() -> None:
 
 
 @pytest.mark.parametrize("phase_s", [0.02, 0.3, 0.5])
-def test_heartbeats_in_two_phases(phase_s: float) -> None:
+def test_heartbeats_in_two_phases_are_of_two_vehicles(phase_s: float) -> None:
     found = second()
     for beat in range(6):
         found.heartbeat(b"a%d" % beat, float(beat))
@@ -99,7 +99,7 @@ def test_heartbeats_in_two_phases(phase_s: float) -> None:
     assert found.found == "heartbeats come twice a second, in two phases"
 
 
-def test_heartbeats_of_one_vehicle() -> None:
+def test_heartbeats_of_one_vehicle_are_not_taken_for_two() -> None:
     """Once a second; once more at each change of mode; together after an outage; doubled."""
     for times in (
         [float(beat) for beat in range(20)],

@@ -176,7 +176,7 @@ def test_a_mended_motor_gives_what_it_gave_before(kind: Kind) -> None:
 
 
 @both
-def test_numbers_that_are_none_are_an_error(kind: Kind) -> None:
+def test_thrusts_that_are_no_numbers_are_an_error(kind: Kind) -> None:
     p = plant(kind)
     for _ in range(10):
         p.step((math.nan, 0.0, 0.0, 0.0))

@@ -125,7 +125,7 @@ async def test_a_fault_of_its_settings_begins_at_its_moment() -> None:
     assert process.exit_code == 0
 
 
-async def test_what_it_cannot_do_is_reported() -> None:
+async def test_an_unknown_profile_or_link_is_reported() -> None:
     settings = ProcessSettings(
         autopilot="px4", link="udpout://127.0.0.1:14999", seed=1, profile="cafe"
     )

@@ -56,7 +56,7 @@ def test_samples_and_readings_come_back(pose: Pose, velocity: tuple[float, float
         MakeFault(2, "motor 2 0.5"),
     ],
 )
-def test_what_a_vehicle_is_sent_comes_back(message: ToVehicle) -> None:
+def test_messages_to_a_vehicle_come_back_as_they_were_sent(message: ToVehicle) -> None:
     assert to_vehicle.decode(to_vehicle.encode(message)) == message
 
 
@@ -70,7 +70,7 @@ def test_what_a_vehicle_is_sent_comes_back(message: ToVehicle) -> None:
         Mocap(1, replace(READING, velocity_ned_m_s=(0.0, math.inf, 0.0))),
     ],
 )
-def test_what_is_not_finite_is_seen(message: Truth | Mocap) -> None:
+def test_a_value_that_is_not_finite_is_seen(message: Truth | Mocap) -> None:
     assert not is_finite(from_vehicle.decode(from_vehicle.encode(message)))
 
 

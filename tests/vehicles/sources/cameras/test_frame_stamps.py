@@ -36,13 +36,13 @@ def test_gaps_in_the_stamps_of_a_steady_camera_are_missed_exposures() -> None:
     assert camera.missed == 2
 
 
-def test_an_unsteady_camera_counts_what_came() -> None:
+def test_an_unsteady_camera_counts_images_that_arrived() -> None:
     camera = stamper()
     assert seqs(camera, [0.0, 0.1, 0.4]) == [0, 1, 2]
     assert camera.missed == 0
 
 
-def test_what_was_left_out_is_not_missed_as_well() -> None:
+def test_a_skipped_exposure_is_not_counted_as_missed() -> None:
     camera = stamper(rate_hz=10.0)
     seqs(camera, [0.0])
     camera.skip_exposure()
@@ -51,7 +51,7 @@ def test_what_was_left_out_is_not_missed_as_well() -> None:
     assert camera.missed == 0
 
 
-def test_what_is_not_newer_is_kept_back() -> None:
+def test_an_image_that_is_not_newer_is_kept_back() -> None:
     camera = stamper()
     assert camera.reading_at(PICTURE, t_s=1.0, arrived_s=1.0) is not None
     assert camera.reading_at(PICTURE, t_s=1.0, arrived_s=1.1) is None

@@ -59,7 +59,7 @@ def test_one_lost_picture_is_found_at_the_next(lost: int) -> None:
     assert sum(found) == (0 if next_is_key else 1)
 
 
-def test_a_lost_picture_that_nobody_builds_on_is_none() -> None:
+def test_a_lost_picture_on_which_no_other_builds_is_no_loss() -> None:
     units = stream(40, "high", bf="2", **{"x264-params": "scenecut=0:b-adapt=0:b-pyramid=none"})
     nobody_needs = [k for k, unit in enumerate(units) if slice_header(unit) & 0x60 == 0]
     assert nobody_needs

@@ -143,7 +143,7 @@ async def test_a_camera_that_dies_says_why() -> None:
             await anext(source)
 
 
-async def test_a_fault_of_the_grabber_itself_reaches_who_waits() -> None:
+async def test_an_error_of_the_grabber_itself_reaches_the_waiter() -> None:
     grabber = FakeGrabber()
     async with camera(grabber) as source:
         grabber.things.put(ZeroDivisionError("in a driver"))
@@ -151,7 +151,7 @@ async def test_a_fault_of_the_grabber_itself_reaches_who_waits() -> None:
             await anext(source)
 
 
-async def test_what_does_not_open_is_closed_again() -> None:
+async def test_a_camera_that_does_not_open_is_closed_again() -> None:
     def fail() -> None:
         raise SourceError("camera 1: no permission")
 

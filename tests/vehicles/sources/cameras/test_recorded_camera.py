@@ -117,7 +117,7 @@ def test_playing_twice_gives_the_same(tmp_path: Path) -> None:
     assert all(np.array_equal(a.image_bgr, b.image_bgr) for a, b in zip(first, second, strict=True))
 
 
-def test_what_cannot_be_played_says_what_to_do(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_played_is_refused_in_words(tmp_path: Path) -> None:
     (tmp_path / "text.mp4").write_text("not a video at all")
     (tmp_path / "empty").mkdir()
     broken = folder(tmp_path / "broken", ["1.png"])

@@ -123,7 +123,7 @@ def test_a_body_that_is_not_seen_is_invalid_and_keeps_its_number() -> None:
     assert feed.statistics("drone").invalid == 2
 
 
-def test_what_comes_late_or_twice_is_left_out() -> None:
+def test_a_pose_that_comes_late_or_twice_is_dropped() -> None:
     feed = capture()
     feed.take(packed(0, 1.00), 1.00)
     feed.take(packed(2, 1.02), 1.02)
@@ -264,7 +264,7 @@ async def test_poses_of_a_second_sender_are_never_mixed_in() -> None:
     assert feed.statistics("drone").missing == 0
 
 
-async def test_the_sender_that_the_campaign_names_is_taken_whoever_comes_first() -> None:
+async def test_the_sender_that_the_campaign_names_is_taken_even_when_it_comes_second() -> None:
     readings: list[PoseReading] = []
     with sender() as system, sender() as stranger:
         named = f"127.0.0.1:{system.getsockname()[1]}"
@@ -316,7 +316,7 @@ async def test_a_publisher_is_received() -> None:
     assert np.all(np.diff(seqs) == 1)
 
 
-async def test_an_address_that_is_none_is_reported() -> None:
+async def test_a_text_that_is_no_address_is_reported() -> None:
     with pytest.raises(SourceError, match="not a valid address"):
         async with ZmqCapture(address="hall", capture=capture(), deliver=print):
             pass

@@ -47,7 +47,7 @@ def source() -> LiveReadings:
         (imu(2.0, down=math.nan), "nan"),
     ],
 )
-def test_what_is_spoiled_is_never_handed_on(bad: ImuReading, said: str) -> None:
+def test_a_spoiled_reading_is_never_delivered(bad: ImuReading, said: str) -> None:
     async def taken() -> tuple[list[int], LiveReadings]:
         live = source()
         live.offer(imu(1.0))
@@ -62,7 +62,7 @@ def test_what_is_spoiled_is_never_handed_on(bad: ImuReading, said: str) -> None:
     assert said in live.complaint
 
 
-def test_what_a_mapped_clock_puts_after_its_arrival_was_sampled_at_the_latest_then() -> None:
+def test_a_sample_time_after_the_arrival_becomes_the_arrival() -> None:
     async def taken() -> list[float]:
         live = source()
         live.offer(imu(1.0, arrived_s=0.97))
@@ -74,7 +74,7 @@ def test_what_a_mapped_clock_puts_after_its_arrival_was_sampled_at_the_latest_th
     assert run_virtual(taken()) == [0.97, 1.0, 1.04]
 
 
-def test_a_source_that_sends_only_what_is_of_no_use_has_stalled() -> None:
+def test_a_source_that_sends_only_useless_readings_has_stalled() -> None:
     async def stalls(live: LiveReadings) -> str:
         async def feed() -> None:
             for _ in range(300):
@@ -106,7 +106,7 @@ def test_a_stall_is_reported_again_until_something_comes() -> None:
     assert run_virtual(stalls(source())) == pytest.approx(3.0)
 
 
-def test_the_oldest_makes_way_when_nobody_takes_them() -> None:
+def test_the_oldest_reading_is_dropped_when_none_is_taken() -> None:
     async def taken(live: LiveReadings) -> int:
         for k in range(100):
             live.offer(imu(1.0 + 0.001 * k))

@@ -12,15 +12,15 @@ import pytest
 
 from tests.vehicles.readings.thermometer import ThermometerReading
 from tests.vehicles.sources.readings.publisher import ALL, Publisher, message, publishing
-from wil_campaign.campaigns.schema.sensors import SensorPart
+from wil_campaign.campaigns.schema.sensors import sensor_parts
 from wil_campaign.campaigns.schema.sources import SourcedPart
 from wil_campaign.vehicles.readings import (
-    SENSOR_TYPES,
     LidarPointsReading,
     LidarScanReading,
     MicrophoneReading,
     RangefinderReading,
     Reading,
+    reading_types,
 )
 from wil_campaign.vehicles.readings.checks import fault_of
 from wil_campaign.vehicles.sources.camera_source import SourceError, SourceStalledError
@@ -39,7 +39,7 @@ from wil_campaign.worlds.frames import AT_ORIGIN
 WHEN = Sampled(10.0, 10.01, "real", AT_ORIGIN)
 SOURCED = sorted(
     get_args(part.model_fields["type"].annotation)[0]
-    for part in get_args(get_args(SensorPart)[0])
+    for part in sensor_parts()
     if issubclass(part, SourcedPart)
 )
 """The types that a campaign may take from a program."""
@@ -55,14 +55,14 @@ def test_each_type_that_a_program_may_send_is_read_as_it_was_sent(kind: str) -> 
     assert kind in ALL, "ALL of publisher.py has a message of each type"
     for data in (msgpack.packb(message(kind)), json.dumps(message(kind)).encode()):
         found = read(data)
-        assert type(found) is SENSOR_TYPES[kind]
+        assert type(found) is reading_types()[kind]
         assert fault_of(found) is None
         assert (found.t_s, found.arrived_s, found.source) == (10.0, 10.01, "real")
 
 
 def test_a_reading_of_numbers_alone_needs_no_reader(monkeypatch: pytest.MonkeyPatch) -> None:
-    types = {**SENSOR_TYPES, "thermometer": ThermometerReading}
-    monkeypatch.setattr(reading_message, "SENSOR_TYPES", types)
+    types = {**reading_types(), "thermometer": ThermometerReading}
+    monkeypatch.setattr(reading_message, "reading_types", lambda: types)
     monkeypatch.setitem(ALL, "thermometer", {"temperature_deg_c": -4, "samples": -3})
     for data in (msgpack.packb(message("thermometer")), json.dumps(message("thermometer"))):
         found: Any = read(data if isinstance(data, bytes) else data.encode())
@@ -109,7 +109,7 @@ def test_arrays_may_be_bytes() -> None:
         ("rangefinder", {"t_s": math.inf}, "finite number"),
     ],
 )
-def test_what_breaks_the_protocol_names_its_key(
+def test_a_breach_of_the_protocol_is_named_with_its_key(
     kind: str, changes: dict[str, Any], said: str
 ) -> None:
     with pytest.raises(BadMessageError, match=said):
@@ -163,7 +163,7 @@ async def test_readings_come_on_the_run_clock_and_a_silence_is_a_stall(
         ({"protocol": "x"}, "we speak"),
     ],
 )
-async def test_what_cannot_be_used_is_named_when_it_opens(
+async def test_readings_that_cannot_be_used_are_named_when_the_source_opens(
     publisher: Publisher, changes: dict[str, Any], said: str
 ) -> None:
     sending = asyncio.create_task(publishing(publisher, "rangefinder", **changes))
@@ -179,7 +179,7 @@ async def test_nothing_at_all_names_the_remedy(publisher: Publisher) -> None:
             pass
 
 
-async def test_what_never_came_is_counted_and_what_comes_again_is_not_used(
+async def test_missing_readings_are_counted_and_repeated_ones_are_not_used(
     publisher: Publisher,
 ) -> None:
     live = source(publisher)

@@ -46,7 +46,7 @@ def test_rgb_is_turned_into_bgr() -> None:
     assert np.array_equal(decode_image(data, "rgb8", SIZE), IMAGE)
 
 
-def test_what_is_decoded_belongs_to_the_caller() -> None:
+def test_decoded_arrays_belong_to_the_caller() -> None:
     for array in (
         decode_image(encode_image(IMAGE, "bgr8"), "bgr8", SIZE),
         decode_depth(encode_depth(DEPTH), "f32", SIZE),

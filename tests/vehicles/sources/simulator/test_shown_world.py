@@ -47,7 +47,7 @@ def test_the_greeting_has_the_form_and_the_colour_of_a_gate_and_no_colour_of_a_r
     assert not shapes["cage"].keys() & {"form", "color_rgb", "opening_m"}
 
 
-def test_where_moving_objects_are_is_of_the_time_and_leaves_out_what_stands() -> None:
+def test_places_of_moving_objects_are_of_the_time_and_omit_standing_ones() -> None:
     scene = World.parse(load(ROOT / "worlds" / "follow.yaml")).scene("wil", "Wv")
     moving = [thing for thing in scene.objects if thing.motion is not None]
     early, late = (poses_of_moving(scene, t_s, {"goal": 2.0}) for t_s in (2.0, 6.0))
@@ -57,7 +57,7 @@ def test_where_moving_objects_are_is_of_the_time_and_leaves_out_what_stands() ->
     assert early != late
 
 
-def test_what_is_left_out_agrees() -> None:
+def test_omitted_facts_of_the_shown_world_agree() -> None:
     assert disagreements(ASKED, shown_world(Header.unpack(pack({})))) == ()
 
 

@@ -191,7 +191,7 @@ async def test_questions_from_several_threads_get_their_own_answers() -> None:
     assert sorted(found) == list(range(1, 21))
 
 
-async def test_after_closing_there_is_nobody_to_ask() -> None:
+async def test_a_question_after_closing_is_an_error() -> None:
     with Simulator(right) as simulator:
         async with ZmqImageSource(address=simulator.address, timeout_s=20.0) as source:
             await ask(source)
@@ -199,7 +199,7 @@ async def test_after_closing_there_is_nobody_to_ask() -> None:
             await ask(source)
 
 
-async def test_nobody_there_is_reported_at_the_start() -> None:
+async def test_a_missing_simulator_is_reported_at_the_start() -> None:
     with pytest.raises(SimulatorTimeoutError, match="no simulator is connected; start it"):
         async with ZmqImageSource(address="tcp://127.0.0.1:9", open_timeout_s=0.2):
             pass

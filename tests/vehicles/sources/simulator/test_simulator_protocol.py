@@ -83,7 +83,7 @@ def test_the_right_answer_is_taken() -> None:
     assert np.array_equal(picture.object_ids, IDS)
 
 
-def test_what_was_not_asked_is_left_out() -> None:
+def test_depth_and_ids_that_were_not_requested_are_dropped() -> None:
     ask = Ask(5, 12.25, ASK.camera_pose, SMALL)
     picture = image_of(answer(right()), ask)
     assert picture.depth_m is None
@@ -184,7 +184,7 @@ def test_no_change_of_the_header_gives_another_picture(key: str, value: object) 
     assert np.array_equal(picture.image_bgr, IMAGE)
 
 
-def test_greetings() -> None:
+def test_greetings_name_the_world_and_its_objects() -> None:
     (data,) = hello_parts(AskedWorld("gate", "small", ids={"gate": 2}))
     header = Header.unpack(data)
     assert (header.text("type"), header.table("objects")) == ("hello", {"gate": 2.0})

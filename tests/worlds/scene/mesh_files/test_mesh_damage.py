@@ -54,7 +54,7 @@ def damage_of(path: Path, data: bytes) -> str:
         ("a.ply", b"\0\1garbage", "it is damaged, or its format does not match its suffix"),
     ],
 )
-def test_what_is_the_matter_is_reported_in_our_words(
+def test_damage_of_a_mesh_file_is_reported_in_our_words(
     tmp_path: Path, name: str, data: bytes, said: str
 ) -> None:
     text = damage_of(tmp_path / name, data)

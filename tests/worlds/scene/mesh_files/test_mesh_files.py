@@ -90,7 +90,7 @@ def test_a_sheet_with_a_picture_stands_upright(tmp_path: Path, name: str) -> Non
         np.testing.assert_array_equal(seen, white * wanted)
 
 
-def test_what_is_given_comes_before_what_the_file_states(tmp_path: Path) -> None:
+def test_a_given_unit_comes_before_the_unit_of_the_file(tmp_path: Path) -> None:
     shape = load_mesh_shape(sheet(tmp_path, "s.dae"), unit="mm")
     assert np.abs(shape.mesh.vertices_m).max() == pytest.approx(0.1)
 
@@ -167,7 +167,7 @@ def test_very_many_colours_become_fewer(tmp_path: Path) -> None:
     assert np.abs(rgb[:, 0] - np.arange(1280) % 256).max() <= 16
 
 
-def test_what_an_obj_names_must_be_there(tmp_path: Path) -> None:
+def test_files_that_an_obj_names_must_be_there(tmp_path: Path) -> None:
     path = sheet(tmp_path, "s.obj")
     (library,) = tmp_path.glob("*.mtl")
     pictured = library.read_text(encoding="utf-8")

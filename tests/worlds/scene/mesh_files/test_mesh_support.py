@@ -104,7 +104,7 @@ def written(folder: Path, text: str) -> Path:
         "moved",
     ],
 )
-def test_what_would_be_left_out_or_misread_is_refused(
+def test_a_gltf_file_that_would_be_misread_is_refused(
     tmp_path: Path, changes: dict[str, Any], said: str
 ) -> None:
     with pytest.raises(MeshFileError) as error:
@@ -131,11 +131,13 @@ def test_what_would_be_left_out_or_misread_is_refused(
         *("second scene", "lights"),
     ],
 )
-def test_what_is_read_as_it_is_meant_passes(tmp_path: Path, changes: dict[str, Any]) -> None:
+def test_a_gltf_file_that_is_read_as_it_is_meant_passes(
+    tmp_path: Path, changes: dict[str, Any]
+) -> None:
     assert triangles(written(tmp_path, gltf(**changes))) == [[(0, 0, 0), (1, 0, 0), (0, 1, 0)]]
 
 
-def test_which_scene_is_meant_is_not_guessed(tmp_path: Path) -> None:
+def test_a_file_with_several_scenes_must_name_one(tmp_path: Path) -> None:
     document = json.loads(gltf(scenes=[{"nodes": [0]}, {"nodes": []}]))
     del document["scene"]
     with pytest.raises(MeshFileError, match="it has 2 scenes and does not say which"):

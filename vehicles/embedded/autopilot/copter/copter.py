@@ -1,7 +1,6 @@
 """The emulated ArduCopter, which behaves over MAVLink as ArduCopter 4.7 in SITL does."""
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -11,7 +10,7 @@ from wil_campaign.vehicles.embedded.autopilot.copter import copter_telemetry
 from wil_campaign.vehicles.embedded.autopilot.copter.copter_failsafes import Failsafes, View
 from wil_campaign.vehicles.embedded.autopilot.copter.copter_guided import CopterGuided
 from wil_campaign.vehicles.embedded.autopilot.copter.copter_modes import CopterMode
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import TiltWatch
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, ReturnHome
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_flight import starts_with_takeoff
@@ -26,8 +25,6 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     on_message,
 )
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO
-from wil_campaign.vehicles.embedded.physics.airframe import Airframe
-from wil_campaign.vehicles.embedded.physics.battery import Charge
 
 _IN_FLIGHT_YAW_HEIGHT_M = 2.5
 """EKF3 aligns its yaw in flight above this height (EKF3_MAG_FINAL_RESET_ALT)."""
@@ -41,18 +38,8 @@ _AFTER_LANDING_S = 0.4
 class ArduCopter(CopterGuided):
     """The emulated ArduCopter over MAVLink: setpoints, commands, missions, failsafes."""
 
-    def __init__(
-        self,
-        *,
-        identity: Identity,
-        airframe: Airframe,
-        dt_s: float,
-        charge: Charge,
-        overrides: Mapping[str, float],
-    ) -> None:
-        super().__init__(
-            identity=identity, airframe=airframe, dt_s=dt_s, charge=charge, overrides=overrides
-        )
+    def __init__(self, aircraft: Aircraft) -> None:
+        super().__init__(aircraft)
         self._failsafes = Failsafes(self.parameters)
         self._tilt = TiltWatch(limit_rad=_CRASH_TILT_RAD, for_s=_CRASH_AFTER_S)
         self._texts_sent = 0

@@ -1,7 +1,6 @@
 """ArduCopter's state machine: readiness, arming, modes, and its reported state."""
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -17,8 +16,8 @@ from wil_campaign.vehicles.embedded.autopilot.copter.copter_modes import (
     CopterMode,
     copter_mode,
 )
+from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft
 from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import FlightStyle
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
     Behaviour,
@@ -41,8 +40,6 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
 from wil_campaign.vehicles.embedded.autopilot.services.discovery import ModeEntry
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import EMERGENCY, INFO, WARNING
 from wil_campaign.vehicles.embedded.control.law import COPTER
-from wil_campaign.vehicles.embedded.physics.airframe import Airframe
-from wil_campaign.vehicles.embedded.physics.battery import Charge
 
 
 class CopterCore(MissionAutopilot[CopterMode]):
@@ -64,24 +61,8 @@ class CopterCore(MissionAutopilot[CopterMode]):
     )
     manoeuvres: CopterManoeuvres
 
-    def __init__(
-        self,
-        *,
-        identity: Identity,
-        airframe: Airframe,
-        dt_s: float,
-        charge: Charge,
-        overrides: Mapping[str, float],
-    ) -> None:
-        super().__init__(
-            identity=identity,
-            airframe=airframe,
-            dt_s=dt_s,
-            charge=charge,
-            overrides=overrides,
-            rates_hz=copter_telemetry.RATES_HZ,
-            mode=CopterMode.STABILIZE,
-        )
+    def __init__(self, aircraft: Aircraft) -> None:
+        super().__init__(aircraft, rates_hz=copter_telemetry.RATES_HZ, mode=CopterMode.STABILIZE)
         self.manoeuvres = CopterManoeuvres(self.parameters, self.state)
         self.taking_off = False
         self.avoidance = SimpleAvoidance(self.parameters)

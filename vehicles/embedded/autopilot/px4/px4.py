@@ -1,12 +1,11 @@
 """The emulated PX4, which behaves over MAVLink as PX4 1.18 in SITL (SIH quadrotor) does."""
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import TiltWatch
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
     Behaviour,
@@ -36,8 +35,6 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
 )
 from wil_campaign.vehicles.embedded.autopilot.services.fence_items import EmulatedFence
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
-from wil_campaign.vehicles.embedded.physics.airframe import Airframe
-from wil_campaign.vehicles.embedded.physics.battery import Charge
 from wil_campaign.worlds.frames import Vec3, quat_from_euler, rotate
 
 _HEADING_TEXT_S = 2.55
@@ -59,24 +56,8 @@ _STICKS_LOST = {1: Px4Mode.HOLD, 2: Px4Mode.RTL, 3: Px4Mode.LAND}
 class Px4(Px4Core):
     """The emulated PX4 over MAVLink: setpoints, commands, missions, failsafes."""
 
-    def __init__(
-        self,
-        *,
-        identity: Identity,
-        airframe: Airframe,
-        dt_s: float,
-        charge: Charge,
-        overrides: Mapping[str, float],
-        full_streams: bool = False,
-    ) -> None:
-        super().__init__(
-            identity=identity,
-            airframe=airframe,
-            dt_s=dt_s,
-            charge=charge,
-            overrides=overrides,
-            full_streams=full_streams,
-        )
+    def __init__(self, aircraft: Aircraft, *, full_streams: bool = False) -> None:
+        super().__init__(aircraft, full_streams=full_streams)
         self._failsafes = Failsafes(self.parameters)
         self._tilt = TiltWatch(
             limit_rad=math.radians(self.parameters["FD_FAIL_R"]), for_s=_TILT_FOR_S

@@ -1,14 +1,13 @@
 """PX4's state machine: readiness, arming, modes, and its reported state."""
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft
 from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import FlightStyle
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, speed_limits
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import ItemRules
@@ -30,8 +29,6 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
 from wil_campaign.vehicles.embedded.autopilot.services.discovery import ModeEntry
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, EMERGENCY, INFO
 from wil_campaign.vehicles.embedded.control.law import PX4
-from wil_campaign.vehicles.embedded.physics.airframe import Airframe
-from wil_campaign.vehicles.embedded.physics.battery import Charge
 
 _GCS_SILENT_AFTER_S = 2.5
 """A ground station whose last heartbeat is older counts as gone (mavlink_receiver.cpp)."""
@@ -67,25 +64,9 @@ class Px4Core(MissionAutopilot[Px4Mode]):
     )
     manoeuvres: Px4Manoeuvres
 
-    def __init__(
-        self,
-        *,
-        identity: Identity,
-        airframe: Airframe,
-        dt_s: float,
-        charge: Charge,
-        overrides: Mapping[str, float],
-        full_streams: bool,
-    ) -> None:
-        super().__init__(
-            identity=identity,
-            airframe=airframe,
-            dt_s=dt_s,
-            charge=charge,
-            overrides=overrides,
-            rates_hz=px4_telemetry.FULL_HZ if full_streams else px4_telemetry.LEAN_HZ,
-            mode=Px4Mode.HOLD,
-        )
+    def __init__(self, aircraft: Aircraft, *, full_streams: bool) -> None:
+        rates_hz = px4_telemetry.FULL_HZ if full_streams else px4_telemetry.LEAN_HZ
+        super().__init__(aircraft, rates_hz=rates_hz, mode=Px4Mode.HOLD)
         self.manoeuvres = Px4Manoeuvres(self.parameters, self.state)
         self.terminated = False
         self.flying = False

@@ -159,7 +159,7 @@ def scene_of(root: ET.Element) -> ET.Element:
     """Return the visual scene that a document shows."""
     instance = root.find("{*}scene/{*}instance_visual_scene")
     if instance is None:
-        raise UnsupportedMeshError("it has no scene, which says what of it is shown")
+        raise UnsupportedMeshError("it has no scene, which lists the parts that are shown")
     ident = _inner(instance.get("url", ""), "its scene")
     scene = _by_id(root.iterfind("{*}library_visual_scenes/{*}visual_scene")).get(ident)
     if scene is None:
@@ -246,7 +246,6 @@ def _place(kind: str, values: FloatArray) -> FloatArray:
 def _instance(
     collada: _Collada, node: ET.Element, instance: ET.Element, matrix: FloatArray
 ) -> Iterator[FilePart]:
-    """Yield the parts of a geometry where a node has it."""
     name = _node_name(node)
     ident = _inner(instance.get("url", ""), name)
     if ident not in collada.geometries:
@@ -278,7 +277,6 @@ def _instance(
 
 
 def _surfaces(geometry: ET.Element, name: str) -> Iterator[_Surface]:
-    """Yield the surfaces of a geometry. Raises UnsupportedMeshError, with its name."""
     mesh = geometry.find("{*}mesh")
     if mesh is None:
         kinds = [_kind(child) for child in geometry if _kind(child) not in ("asset", "extra")]

@@ -211,7 +211,7 @@ def roots(document: Mapping[str, Any]) -> list[int]:
     """
     scenes = document.get("scenes", ())
     if not scenes:
-        raise UnsupportedMeshError("it has no scene, which says what of it is shown")
+        raise UnsupportedMeshError("it has no scene, which lists the parts that are shown")
     if "scene" not in document and len(scenes) > 1:
         raise UnsupportedMeshError(
             f"it has {len(scenes)} scenes and does not say which is shown; export one of them"

@@ -94,7 +94,7 @@ def _check_rows(data: bytes) -> None:
     for name, count in elements:
         if names.count(name) > 1:
             raise UnsupportedMeshError(
-                f"it has elements '{name[:40]}' twice, of which one would be read; export it anew"
+                f"it has elements '{name[:40]}' twice, and only one would be read; export it anew"
             )
         if count and name not in _READ | _NO_SURFACE:
             raise UnsupportedMeshError(

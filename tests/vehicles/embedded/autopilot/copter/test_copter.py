@@ -42,7 +42,7 @@ def test_guided_is_refused_before_there_is_a_position(rig: Any, virtually: Scena
     virtually(scenario())
 
 
-def test_one_that_was_on_before_is_ready_at_once(rig: Any, virtually: Scenario) -> None:
+def test_a_copter_that_was_on_before_is_ready_at_once(rig: Any, virtually: Scenario) -> None:
     async def scenario() -> None:
         async with copter(rig, running_s=60.0) as r:
             await asyncio.sleep(0.5)
@@ -159,7 +159,7 @@ def test_setpoints_count_in_guided_only(rig: Any, virtually: Scenario) -> None:
     virtually(scenario())
 
 
-def test_brake_and_land(rig: Any, virtually: Scenario) -> None:
+def test_arducopter_brakes_and_lands_on_command(rig: Any, virtually: Scenario) -> None:
     async def scenario() -> None:
         async with copter(rig) as r:
             await r.hover()
@@ -218,7 +218,9 @@ def test_a_return_lands_or_stays_at_its_final_height(final_cm: int, end_m: float
 @pytest.mark.parametrize(
     ("action", "mode"), [(0, GUIDED), (1, RTL_MODE), (5, LAND_MODE), (6, RTL_MODE)]
 )
-def test_lost_ground_station(rig: Any, virtually: Scenario, action: int, mode: int) -> None:
+def test_a_lost_ground_station_acts_as_the_parameter_says(
+    rig: Any, virtually: Scenario, action: int, mode: int
+) -> None:
     async def scenario() -> None:
         async with copter(rig, parameters={"FS_GCS_ENABLE": action}) as r:
             await r.hover()
@@ -278,7 +280,9 @@ def test_a_lost_ground_station_in_modes_of_a_pilot_is_the_options_s_to_say(
     assert lost_ground_station(options=options, mode=mode).autopilot.mode.name == ends_in
 
 
-def test_low_battery(rig: Any, virtually: Scenario) -> None:
+def test_a_low_battery_lands_or_returns_as_the_parameters_say(
+    rig: Any, virtually: Scenario
+) -> None:
     async def scenario() -> None:
         parameters = {"BATT_FS_LOW_ACT": 2, "BATT_LOW_VOLT": 11.0, "BATT_FS_CRT_ACT": 1}
         async with copter(rig, parameters={**parameters, "BATT_CRT_VOLT": 10.7}) as r:

@@ -74,7 +74,7 @@ def test_whole_vectors_are_flown(mask: int, flown: int) -> None:
         *(local(VELOCITY, frame=frame) for frame in (0, 5, 12, 20)),
     ],
 )
-def test_what_is_no_setpoint_stops_it(message: Any) -> None:
+def test_a_message_that_is_no_setpoint_stops_it(message: Any) -> None:
     assert not flies_local(message)
 
 
@@ -83,7 +83,7 @@ def test_four_local_frames_are_flown(frame: int) -> None:
     assert flies_local(local(VELOCITY, frame=frame))
 
 
-def test_of_places_on_earth_frame_and_place_count() -> None:
+def test_frame_and_place_of_a_global_setpoint_count() -> None:
     assert all(flies_global(on_earth(POSITION, frame=frame)) for frame in (0, 3, 5, 6, 10, 11))
     assert flies_global(on_earth(NO_ACCELERATION))
     assert flies_global(on_earth(VELOCITY, frame=1, place=(2_000_000_000, 0)))

@@ -51,7 +51,7 @@ def test_body_setpoints_turn_with_the_heading(
     assert wanted.yaw_rad is None
 
 
-def test_setpoints_of_nothing_are_none() -> None:
+def test_a_message_that_asks_for_nothing_is_no_setpoint() -> None:
     message = mavlink.MAVLink_set_position_target_local_ned_message(
         0, 1, 1, 1, 0b1111_1111_1111, *(0.0,) * 11
     )

@@ -184,7 +184,7 @@ PLACE = {"x": 473977400, "y": 85455900, "z": 3.0}
         (item(0, 16, 0, **(PLACE | {"z": 3e6})), *("INVALID_PARAM7",) * 2),
     ],
 )
-def test_what_is_taken_at_upload(
+def test_each_mission_item_has_its_answer_at_upload(
     rig: Any, virtually: Scenario, given: Any, px4: str, ardupilot: str
 ) -> None:
     async def scenario(autopilot: str, said: str) -> None:

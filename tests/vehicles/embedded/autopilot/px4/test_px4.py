@@ -19,7 +19,7 @@ def px4(rig: Any, **config: Any) -> Any:
     return rig(autopilot="px4", **config)
 
 
-def test_is_refused_before_it_is_ready(rig: Any, virtually: Scenario) -> None:
+def test_arming_is_refused_before_it_is_ready(rig: Any, virtually: Scenario) -> None:
     async def scenario() -> None:
         async with px4(rig) as r:
             await asyncio.sleep(2.0)

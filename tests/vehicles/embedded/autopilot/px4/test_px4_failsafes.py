@@ -48,7 +48,7 @@ def test_a_lost_link_does_not_end_a_landing_that_the_user_commanded() -> None:
 @pytest.mark.parametrize(
     ("cause", "change"), [("link", {"gcs_age_s": 60.0}), ("fence", {"outside_fence": True})]
 )
-def test_what_is_there_on_the_ground_acts_after_the_liftoff(
+def test_a_cause_that_exists_on_the_ground_acts_after_the_liftoff(
     cause: str, change: dict[str, Any]
 ) -> None:
     found, view = failsafes(NAV_DLL_ACT=3, GF_ACTION=5), SOUND._replace(**change)

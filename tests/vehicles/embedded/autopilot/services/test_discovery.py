@@ -92,7 +92,7 @@ def test_px4_says_which_parameter_it_does_not_have(rig: Any, virtually: Scenario
 
 
 @BOTH
-def test_homes_that_are_none_are_refused(rig: Any, virtually: Scenario, autopilot: str) -> None:
+def test_impossible_homes_are_refused(rig: Any, virtually: Scenario, autopilot: str) -> None:
     async def scenario() -> None:
         async with rig(autopilot=autopilot) as r:
             await asyncio.sleep(25.0)

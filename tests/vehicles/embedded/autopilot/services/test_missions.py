@@ -155,7 +155,7 @@ def test_a_lost_item_is_asked_for_again(rig: Any, virtually: Scenario, autopilot
 
 
 @BOTH
-def test_fences_that_are_none_are_invalid(rig: Any, virtually: Scenario, autopilot: str) -> None:
+def test_impossible_fences_are_invalid(rig: Any, virtually: Scenario, autopilot: str) -> None:
     async def scenario() -> None:
         async with rig(autopilot=autopilot) as r:
             await asyncio.sleep(4.0)

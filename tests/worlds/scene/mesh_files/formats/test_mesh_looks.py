@@ -156,7 +156,7 @@ def test_a_material_of_an_obj_that_is_not_drawn_is_named(
 
 
 @pytest.mark.parametrize("end", ["d 1", "Tr 0", "Tr 1.0", "d 1.0\nTr 1.0", "map_d t.png"])
-def test_what_is_opaque_is_not_refused(tmp_path: Path, end: str) -> None:
+def test_an_opaque_material_is_not_refused(tmp_path: Path, end: str) -> None:
     Image.fromarray(np.full((8, 8), 255, np.uint8)).save(tmp_path / "t.png")
     assert obj(tmp_path, f"Kd 0 0 1\n{end}").materials[0].rgb == BLUE
 
@@ -350,7 +350,7 @@ def test_a_gltf_material_that_is_not_drawn_is_named(
     assert refused(textured(tmp_path, material, **changes)).startswith(said)
 
 
-def test_what_is_transparent_is_drawn_as_opaque_where_the_world_says_so(tmp_path: Path) -> None:
+def test_a_transparent_material_is_drawn_as_opaque_where_the_world_says_so(tmp_path: Path) -> None:
     picture(tmp_path / "t.png", alpha=0)
     path = textured(tmp_path, {**base(), "alphaMode": "MASK"})
     mesh = load_mesh_shape(path, draws_transparent=True).mesh

@@ -1,0 +1,87 @@
+"""Writes a report with what was ordered beside it: videos of runs, and pictures to share."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from wil_campaign.orchestrator.reading.errors import ResultsFolderError
+from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.orchestrator.recording.run_video import make_video
+from wil_campaign.orchestrator.report.campaign_report import write_report
+from wil_campaign.orchestrator.report.run_graphics import write_card, write_moving_picture
+
+_SHOWN = 10
+_ALL = "all"
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """A written report: its path. problems: in words, what it lacks, as it is missing or damaged.
+
+    pictures: the paths of card and moving picture, where they were ordered.
+    """
+
+    path: Path
+    problems: tuple[str, ...]
+    pictures: tuple[Path, ...] = ()
+
+
+def report(
+    folder: str | Path,
+    *,
+    out: str | Path | None = None,
+    videos: Sequence[str] = (),
+    card: bool = False,
+    gif: bool = False,
+    run: str = "",
+    workers: int | None = 1,
+) -> Report:
+    """Write the report of a campaign's results folder: one HTML page that needs no other file.
+
+    out: the file; None: report.html in the folder. videos: runs whose mixed.mp4 is made of their
+    recorded images first, as "large/wil/1", or "all". card, gif: write card.png and flight.gif into
+    the folder of `run`; "" for the one to show first. workers: processes that read the runs; None:
+    one per core, for which the main module must be importable.
+
+    Raises ResultsFolderError for a folder without a campaign or an unknown run; OSError.
+    """
+    folder = Path(folder)
+    without = _make_videos(folder, videos)
+    pictures = _write_graphics(folder, run, card=card, gif=gif)
+    written = write_report(folder, out=None if out is None else Path(out), workers=workers)
+    return Report(written.path, (*without, *written.problems), tuple(pictures))
+
+
+def _write_graphics(folder: Path, run: str, *, card: bool, gif: bool) -> list[Path]:
+    """Write the pictures to share; return their paths.
+
+    Raises ResultsFolderError for an unknown run, or one that has nothing to show; OSError.
+    """
+    if run and not (card or gif):
+        raise ResultsFolderError(f"--run {run} needs --card or --gif")
+    written = [write_card(folder, run)] if card else []
+    return [*written, write_moving_picture(folder, run)] if gif else written
+
+
+def _make_videos(folder: Path, wanted: Sequence[str]) -> list[str]:
+    """Make the videos of runs; return for which there is none, and why.
+
+    Raises ResultsFolderError where a run is not there.
+    """
+    if not wanted:
+        return []
+    names = [entry.name for entry in read_campaign(folder).entries]
+    if unknown := sorted({*wanted} - {*names, _ALL}):
+        raise ResultsFolderError(
+            f"--video {unknown[0]}: no run of {folder}; there are {', '.join(names[:_SHOWN])}"
+            + (" and others" if len(names) > _SHOWN else "")
+        )
+    without = []
+    for name in names if _ALL in wanted else dict.fromkeys(wanted):
+        try:
+            if not make_video(folder / name) and name in wanted:
+                without.append(f"{name}: no video, because no images of it are recorded")
+        except (RecordingError, OSError) as error:
+            without.append(f"{name}: no video: {error}")
+    return without

@@ -1,0 +1,1 @@
+"""What CI systems show: GitHub's annotations and job summary, SARIF, GitLab's code quality."""

@@ -1,0 +1,111 @@
+"""`wil-campaign export`: a recorded run as a bag of ROS 2."""
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.model.document_writer import sync_folder
+from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.plugins.ros2.ros2_part import INSTALL, Distribution
+from wil_campaign.worlds.files.paths import exists, is_file, is_folder
+
+if TYPE_CHECKING:
+    from wil_campaign.plugins.ros2.bags.recorded_bag import WrittenBag
+
+
+def export(
+    run: Path,
+    *,
+    ros2: Path,
+    decode: Annotated[bool, Parameter(negative=())] = False,
+    cut: Annotated[bool, Parameter(negative=())] = False,
+    distribution: Distribution = "jazzy",
+) -> int:
+    """Write a recorded run as a bag of ROS 2: one MCAP file, which ROS need not be there for.
+
+    Exits with 2 for a recording that is not there or cut off, and for a file that exists.
+
+    Parameters
+    ----------
+    run
+        A run's folder, or its run.mcap.
+    ros2
+        The bag to write, as flight.mcap.
+    decode
+        Write images as sensor_msgs/Image, for nodes that subscribe to no others. Without it they
+        are CompressedImage, with the bytes of the recording.
+    cut
+        Export a recording that is cut off as far as it is whole.
+    distribution
+        The distribution of ROS 2 whose message definitions are used.
+    """
+    recording = run / "run.mcap" if is_folder(run) else run
+    if fault := _fault_of(recording, ros2):
+        err(fault)
+        return 2
+    from wil_campaign.plugins.ros2.bags.recorded_bag import DAMAGED, write_bag  # noqa: PLC0415
+    from wil_campaign.plugins.ros2.messages.ros_types import ros_types  # noqa: PLC0415 - an extra
+
+    try:
+        with _whole_file(ros2) as stream:
+            types = ros_types(distribution)
+            written = write_bag(recording, stream, types, decodes=decode, allows_cut=cut)
+    except RecordingError as error:
+        err(error)
+        return 2
+    except OSError as error:
+        err(f"{error.filename or ros2}: {error.strerror or error}")
+        return 3
+    except DAMAGED as error:
+        err(f"{recording}: cannot be read: {type(error).__name__}: {error}")
+        return 2
+    _report(ros2, written)
+    return 0
+
+
+def _fault_of(recording: Path, file: Path) -> str:
+    """Return why a recording cannot be exported into a file; "" where nothing is in the way."""
+    if not is_file(recording):
+        return f"{recording}: there is no such recording; name a run's folder, or its run.mcap"
+    if exists(file):
+        return f"{file}: is there already; name another file, or remove it"
+    if file.suffix != ".mcap":
+        return f"{file}: name a file that ends in .mcap, by which tools of ROS know its storage"
+    if not is_folder(file.parent):
+        return f"{file}: there is no folder {file.parent}; create it"
+    if find_spec("rosbags") is None:
+        return f"bags of ROS 2 need rosbags, which is not installed: {INSTALL}"
+    return ""
+
+
+@contextmanager
+def _whole_file(path: Path) -> Iterator[IO[bytes]]:
+    """Open a file that has its name once it is whole, and is not there otherwise."""
+    prefix, suffix = f".{path.name}.", ".part"
+    with tempfile.NamedTemporaryFile(
+        dir=path.parent, prefix=prefix, suffix=suffix, delete=False
+    ) as stream:
+        part = Path(stream.name)
+        try:
+            yield stream
+            stream.flush()
+            part.chmod(0o644)
+            part.rename(path)
+        finally:
+            part.unlink(missing_ok=True)
+    sync_folder(path.parent)
+
+
+def _report(file: Path, written: "WrittenBag") -> None:
+    counts = written.counts
+    out(f"written: {file}, {sum(counts.values())} messages on {len(counts)} topics")
+    for topic, count in sorted(written.left_out.items()):
+        err(f"left out: {count} readings of {topic}, for which there is no message")
+    for problem in written.lacks:
+        err(f"no poses, or not all of them: {problem}")

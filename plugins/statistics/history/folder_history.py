@@ -1,0 +1,92 @@
+"""The history of campaigns by their results folders, and by a file that outlives them."""
+
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from wil_campaign.orchestrator.model.document_writer import write_whole
+from wil_campaign.orchestrator.reading.errors import ResultsFolderError
+from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.recording.timestamps import utc_text
+from wil_campaign.plugins.statistics.comparison.baseline import results_folders
+from wil_campaign.plugins.statistics.history.history import (
+    HistoryRow,
+    Variation,
+    history_rows,
+    variations,
+)
+from wil_campaign.plugins.statistics.history.history_page import render_history
+from wil_campaign.plugins.statistics.history.records import (
+    FlightRecord,
+    append_records,
+    latest,
+    read_records,
+    records_of,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """Campaigns over time: a row for each case and mode of each campaign, oldest first.
+
+    variations: flights that ended differently, flaky ones first. problems: in words, what could not
+    be read, or ended early.
+    """
+
+    rows: tuple[HistoryRow, ...]
+    variations: tuple[Variation, ...]
+    problems: tuple[str, ...]
+
+    def write_page(self, path: str | Path) -> None:
+        """Write the history as one HTML page. Raises OSError."""
+        made_utc = utc_text(time.time())
+        write_whole(Path(path), render_history(self.rows, self.variations, made_utc=made_utc))
+
+
+def history(
+    *folders: str | Path, keep: str | Path | None = None, campaign: str | None = None
+) -> History:
+    """Return the history of campaigns. folders: of their results, or that hold some.
+
+    keep: a file of JSON lines to which new and changed flights are appended; its own are in the
+    history even when their folders are gone. campaign: only the one of this name.
+
+    Raises HistoryFileError for a damaged file, and where it cannot be written.
+    """
+    problems: list[str] = []
+    known = read_records(Path(keep)) if keep is not None else []
+    before = set(known)  # also earlier lines: an old copy of a folder is no news
+    new = [one for one in latest(_read(map(Path, folders), problems)) if one not in before]
+    if keep is not None:
+        append_records(Path(keep), new)
+    records = [one for one in latest([*known, *new]) if campaign in {None, one.campaign}]
+    if not records:
+        problems.append(f"no flights of a campaign in {_names(folders)}")
+    return History(tuple(history_rows(records)), tuple(variations(records)), tuple(problems))
+
+
+def _names(folders: Sequence[str | Path]) -> str:
+    return ", ".join(map(str, folders))
+
+
+def _read(folders: Iterable[Path], problems: list[str]) -> list[FlightRecord]:
+    """Return the flights at and beneath folders; unreadable ones are added to the problems."""
+    found: list[FlightRecord] = []
+    for folder in folders:
+        if not folder.is_dir():
+            problems.append(f"{folder} is not a folder")
+            continue
+        for path in results_folders(folder):
+            try:
+                documents = read_campaign(path)
+            except ResultsFolderError as error:
+                problems.append(str(error))
+                continue
+            damaged = (*documents.problems, *documents.run_problems)
+            problems += [f"{path}: {text}" for text in damaged]
+            summary = documents.summary
+            if summary is not None and (summary.stopped or summary.broken):
+                problems.append(f"{path}: {summary.ending}")
+            found += records_of(documents)
+    return found
