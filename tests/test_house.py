@@ -172,7 +172,7 @@ def variables_in(source: str) -> Iterator[str]:
 def test_a_retired_word_is_found_in_any_form() -> None:
     source = "class InHangar:\n def told(self): ...\nasync def _held(): ...\ndef sim(): ..."
     assert {name for name in names_in(source) if retired_in(name)} == {"InHangar", "told", "_held"}
-    source = "def f(*, desk=0): said, one = 1, 2\nself._kept = JOURNAL = [last_output for _ in ()]"
+    source = "def f(*, desk=0): said, one = 1, 2\nself._kept = JOURNAL = [last_words for _ in ()]"
     found = {name for name in variables_in(source) if retired_in(name)}
     assert found == {"desk", "said", "_kept", "JOURNAL"}
 

@@ -24,8 +24,8 @@ def last_output(log: Path) -> str:
     except OSError:
         return ""
     lines = [line.rstrip() for line in text.splitlines() if line.strip()]
-    said = [" ".join(line.split()) for line in lines[-_TAIL_LINES:]]
-    return _exception(lines) or "; ".join(said)
+    end = [" ".join(line.split()) for line in lines[-_TAIL_LINES:]]
+    return _exception(lines) or "; ".join(end)
 
 
 def _exception(lines: list[str]) -> str:

@@ -12,15 +12,15 @@ _FRESH_S = 2.0
 def last_statustext(pair: Pair, event: GuardEvent, *, armed_s: float | None) -> str:
     """Return the last texts of the vehicle of a guard event: lost, failsafe, landed alone.
 
-    armed_s: when the vehicles were to arm; what one said of its preflight did not end the flight.
+    armed_s: when the vehicles were to arm; texts of the preflight ended no flight.
     """
     context = next(
         (one for one in (*pair.contexts, *pair.actors) if one.name == event.vehicle), None
     )
     if context is None or event.kind not in {"lost", "failsafe", "alone"}:
         return ""
-    said = [one for one in context.driver.state.texts if armed_s is None or one.t_s >= armed_s]
-    texts = [_with_age(statustext, event.t_s) for statustext in said[-_LAST_TEXTS:]]
+    recent = [one for one in context.driver.state.texts if armed_s is None or one.t_s >= armed_s]
+    texts = [_with_age(statustext, event.t_s) for statustext in recent[-_LAST_TEXTS:]]
     return f"; its last STATUSTEXT: {' | '.join(texts)}" if texts else ""
 
 

@@ -35,7 +35,7 @@ SAID = "RuntimeError: my planner lost its map (corridor_node.py line 110, on_odo
         ("", ""),
     ],
 )
-def test_a_traceback_is_told_by_its_exception_and_place(
+def test_a_traceback_is_shortened_to_its_exception_and_place(
     tmp_path: Path, text: str, said: str
 ) -> None:
     log = tmp_path / "twin-node.log"
