@@ -1,4 +1,4 @@
-"""The embedded vehicle: a JSBSim quadrotor with an autopilot on one end of a MAVLink link."""
+"""The embedded vehicle: a simulated quadrotor with an autopilot on one end of a MAVLink link."""
 
 import asyncio
 from collections.abc import Callable
@@ -205,7 +205,8 @@ class EmbeddedVehicle:
         self._flush()
         for component, codec in self._components:
             self._send_of(codec, component.tick(now_s))
-        if self._mocap.next_due_s is not None:
+        timer = self._mocap_timer
+        if (timer is None or timer.when() <= now_s) and self._mocap.next_due_s is not None:
             self._deliver_mocap()
 
     def _deliver_mocap(self) -> None:

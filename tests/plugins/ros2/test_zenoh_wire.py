@@ -3,6 +3,7 @@
 import json
 import threading
 import time
+from typing import Any
 
 import zenoh
 
@@ -37,12 +38,13 @@ def test_messages_on_two_topics_come_in_the_order_of_the_node() -> None:
                 f"3{topic}/{dds_name(kind)}/{TYPES.hash(kind)}"
                 for topic, kind in (("/wil/done", TEXT), ("/cmd_vel", TWIST))
             ]
-            word, setpoint = (
+            publishers: list[Any] = [
                 node.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
                 for key in keys
-            )
+            ]
+            word, setpoint = publishers
             until_s = time.monotonic() + 60.0
-            while not (word.matching_status.matching and setpoint.matching_status.matching):
+            while not all(one.matching_status.matching for one in publishers):
                 assert time.monotonic() < until_s
                 time.sleep(0.01)
             for _ in range(SENT):
