@@ -18,7 +18,7 @@ import psutil
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.process_memory import resident_mb
 from wil_campaign.vehicles.processes.child import ChildProcess
-from wil_campaign.vehicles.processes.last_words import last_words
+from wil_campaign.vehicles.processes.last_output import last_output
 
 _TERM_GRACE_S = 3.0
 
@@ -169,7 +169,7 @@ class ExternalAutonomy:
         return self._make_exit(await self._child.wait(), ended_by_us=False)
 
     def _make_exit(self, returncode: int | None, *, ended_by_us: bool) -> ProgramExit:
-        tail = last_words(self._log_path)
+        tail = last_output(self._log_path)
         if returncode is None or returncode >= 0:
             return ProgramExit(returncode, None, ended_by_us, tail)
         try:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from wil_campaign.plugins.ros2.wire import WireError
 from wil_campaign.vehicles.processes.child import ChildProcess, how_it_ended
-from wil_campaign.vehicles.processes.last_words import last_words
+from wil_campaign.vehicles.processes.last_output import last_output
 from wil_campaign.vehicles.processes.supervisor import supervised
 
 _GRACE_S = 3.0
@@ -51,7 +51,7 @@ class NodeProcess:
 
     def last_lines(self) -> str:
         """Return what the node printed last, in one line; "" for nothing."""
-        return last_words(self._log)
+        return last_output(self._log)
 
 
 @asynccontextmanager

@@ -31,8 +31,8 @@ def decide_fault(run_state: RunState, vehicle: str, fault: AutonomyFault) -> Non
     """
     kind = "FAIL" if run_state.reached("goal") else fault.kind
     reason, source = f"the autonomy of {vehicle} {fault}", f"autonomy/{vehicle}"
-    told = ((one.text, one.source) for one in run_state.decisive)
-    if fault.trace or (reason, source) not in told:
+    known = ((one.text, one.source) for one in run_state.decisive)
+    if fault.trace or (reason, source) not in known:
         run_state.decide(kind, reason, source=source, trace=fault.trace)
 
 

@@ -32,7 +32,7 @@ def test_a_good_campaign_is_not_warned_of(files: Any) -> None:
     assert files.load().caveats == ()
 
 
-def test_a_vehicle_that_is_wider_than_the_usual_body_is_told_to_have_one(files: Any) -> None:
+def test_a_vehicle_wider_than_the_usual_body_is_warned_of(files: Any) -> None:
     nominal = (Path(load_profile.__code__.co_filename).parent / "profiles/nominal.yaml").read_text()
     airframe = "".join(f"  {key}: {value}\n" for key, value in AIRFRAME_NUMBERS.items())
     (files.folder / "mine.yaml").write_text(f"{nominal}airframe:\n{airframe}")

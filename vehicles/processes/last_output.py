@@ -11,7 +11,7 @@ _FRAME = re.compile(r'  File "(?P<file>[^"]+)", line (?P<line>\d+), in (?P<where
 _LIBRARY = re.compile(r"/(site|dist)-packages/|/lib/python|^<")
 
 
-def last_words(log: Path) -> str:
+def last_output(log: Path) -> str:
     """Return what a process printed last, in one line; empty where there is nothing.
 
     Of a Python traceback: its exception, and where in the program's own file.
@@ -24,8 +24,8 @@ def last_words(log: Path) -> str:
     except OSError:
         return ""
     lines = [line.rstrip() for line in text.splitlines() if line.strip()]
-    said = [" ".join(line.split()) for line in lines[-_TAIL_LINES:]]
-    return _exception(lines) or "; ".join(said)
+    end = [" ".join(line.split()) for line in lines[-_TAIL_LINES:]]
+    return _exception(lines) or "; ".join(end)
 
 
 def _exception(lines: list[str]) -> str:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.vehicles.processes.last_words import last_words
+from wil_campaign.vehicles.processes.last_output import last_output
 
 TRACEBACK = """\
 [INFO] [corridor]: flying
@@ -35,10 +35,10 @@ SAID = "RuntimeError: my planner lost its map (corridor_node.py line 110, on_odo
         ("", ""),
     ],
 )
-def test_a_traceback_is_told_by_its_exception_and_place(
+def test_a_traceback_is_shortened_to_its_exception_and_place(
     tmp_path: Path, text: str, said: str
 ) -> None:
     log = tmp_path / "twin-node.log"
     log.write_text(text, encoding="utf-8")
-    assert last_words(log) == said
-    assert last_words(tmp_path / "none.log") == ""
+    assert last_output(log) == said
+    assert last_output(tmp_path / "none.log") == ""
