@@ -121,6 +121,11 @@ class ExternalIo:
             for text in simulator.disagreements
         )
 
+    @property
+    def environment(self) -> Mapping[str, str]:
+        """Return what the observers add to the environment of programs, once they are open."""
+        return {k: v for one in self._observers for k, v in one.environment.items()}
+
     def attach(self, contexts: Iterable[VehicleContext]) -> None:
         """Attach the vehicles, which carry external sensors."""
         contexts = tuple(contexts)

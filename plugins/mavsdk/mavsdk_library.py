@@ -120,7 +120,7 @@ class MavsdkLibrary:
                 return Outcome()
             case Download():
                 with self._transfers["missions"]:
-                    return Outcome(items=tuple(map(_item, self._download(order.which))))
+                    return Outcome(items=tuple(map(MissionItem.of, self._download(order.which))))
             case ListLogs():
                 with self._transfers["logs"]:
                     return Outcome(logs=self._list())
@@ -205,18 +205,6 @@ def _raw(number: int, item: MissionItem, which: ItemList) -> RawItem:
         y=item.y,
         z=item.z,
         mission_type=int(which),
-    )
-
-
-def _item(raw: Any) -> MissionItem:
-    return MissionItem(
-        command=raw.command,
-        frame=raw.frame,
-        params=(raw.param1, raw.param2, raw.param3, raw.param4),
-        x=raw.x,
-        y=raw.y,
-        z=raw.z,
-        autocontinue=bool(raw.autocontinue),
     )
 
 

@@ -218,7 +218,7 @@ class _NodeFlight:
             tick = max(tick + 1, int((self._loop.time() - t0_s) / period_s))
             await sleep_until(t0_s + tick * period_s)
             telemetry = self._context.telemetry()
-            if telemetry is None or autonomy.reported_s > telemetry.t_s - 0.9 * period_s:
+            if telemetry is None or telemetry.t_s < autonomy.acted_s + 1.9 * period_s:
                 continue
             publish = partial(autonomy.report, telemetry, is_answered=not autonomy.flying)
             try:

@@ -136,7 +136,7 @@ def _parse_with_messages(text: str, source: Source) -> Node | None:
     try:
         root = builder.document()
     except yaml.MarkedYAMLError as error:
-        builder.problems.append(_syntax_problem(error, source))
+        builder.problems.append(_syntax_problem(error, source, text))
     except yaml.reader.ReaderError as error:
         before = text[: error.position]
         column = error.position - (before.rfind("\n") + 1) + 1
@@ -153,11 +153,19 @@ _parse_cached = lru_cache(maxsize=_CACHED_TEXTS)(_parse)
 """A campaign names the same world and the same profiles in every case."""
 
 
-def _syntax_problem(error: yaml.MarkedYAMLError, source: Source) -> Problem:
+def _syntax_problem(error: yaml.MarkedYAMLError, source: Source, text: str) -> Problem:
+    begun = error.context_mark
+    if begun is not None and error.problem == _NO_COLON:
+        # The scanner notices it at the next key: the place is where this one begins.
+        line = text[text.rfind("\n", 0, begun.index) + 1 :].partition("\n")[0].strip()
+        return Place(source, begun.line + 1, begun.column + 1).problem(f"'{line}' needs a ':'")
     mark = error.problem_mark or error.context_mark
     place = Place(source, mark.line + 1, mark.column + 1) if mark else Place(source)
     parts = [part for part in (error.context, error.problem) if part]
     return place.problem("not YAML: " + ", ".join(parts))
+
+
+_NO_COLON = "could not find expected ':'"
 
 
 class _Builder:

@@ -173,8 +173,13 @@ def _take_guard_event(run: FlightParts, event: GuardEvent) -> None:
         name, text = autonomy
         run.run_state.decide("FAIL", text, t_s=event.t_s, source=f"autonomy/{name}")
     elif settled is not None:
-        text = settled.text + last_statustext(run.pair, event)
+        text = settled.text + _last_texts(run, event)
         run.run_state.decide(settled.kind, text, t_s=settled.t_s, source=settled.source)
+
+
+def _last_texts(run: FlightParts, event: GuardEvent) -> str:
+    armed_s = run.run_state.entered_s.get("arm")
+    return last_statustext(run.pair, event, armed_s=armed_s)
 
 
 def _holding_autonomy(run: FlightParts) -> tuple[str, str] | None:
@@ -190,7 +195,7 @@ def _drop_out(run: FlightParts, event: GuardEvent) -> None:
 
     Before the takeoff no flight can continue, and without its actor a run proves nothing.
     """
-    text = event.text + last_statustext(run.pair, event)
+    text = event.text + _last_texts(run, event)
     is_actor = any(one.name == event.vehicle for one in run.actors)
     if run.run_state.reached("takeoff") and not is_actor:
         run.run_state.drop_out(event.vehicle, text)

@@ -25,10 +25,15 @@ def decide_stray(run_state: RunState, subject: str, error: BaseException, where:
 
 
 def decide_fault(run_state: RunState, vehicle: str, fault: AutonomyFault) -> None:
-    """Decide a run by a fault of a vehicle's autonomy: from its goal on it is a FAIL."""
+    """Decide a run by a fault of a vehicle's autonomy: from its goal on it is a FAIL.
+
+    A process that ended is told once: its end and the next call both find it.
+    """
     kind = "FAIL" if run_state.reached("goal") else fault.kind
-    reason = f"the autonomy of {vehicle} {fault}"
-    run_state.decide(kind, reason, source=f"autonomy/{vehicle}", trace=fault.trace)
+    reason, source = f"the autonomy of {vehicle} {fault}", f"autonomy/{vehicle}"
+    known = ((one.text, one.source) for one in run_state.decisive)
+    if fault.trace or (reason, source) not in known:
+        run_state.decide(kind, reason, source=source, trace=fault.trace)
 
 
 class StrayErrors:

@@ -32,6 +32,18 @@ from wil_campaign.worlds.frames import Pose, angle_between
 from wil_campaign.worlds.jit import F64
 
 AIRFRAME = Airframe()
+AIRFRAME_NUMBERS = {
+    "mass_kg": "2.1",
+    "inertia_xx_kg_m2": "0.022",
+    "inertia_yy_kg_m2": "0.022",
+    "inertia_zz_kg_m2": "0.04",
+    "arm_m": "0.225",
+    "torque_per_thrust_m": "0.02",
+    "max_thrust_n": "10.0",
+    "drag_area_m2": "[0.01, 0.01, 0.02]",
+    "linear_drag_n_s_m": "0",
+    "angular_damping_n_m_s": "0.0006",
+}
 NOMINAL, CAGE = load_profile("nominal"), load_profile("cage")
 HOVER = (AIRFRAME.hover_thrust_n,) * 4
 finite = st.floats(-100.0, 100.0)
@@ -217,6 +229,34 @@ def test_a_wrong_profile_is_reported_at_the_place_of_each_fault(tmp_path: Path) 
     file.write_bytes(b"\xff\xfe: [")
     with pytest.raises(BadInput, match=r"mine\.yaml:1:1: is not UTF-8"):
         load_profile(file)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("max_thrust_n", "4.0", "4 x 4.0 N do not lift 2.1 kg (20.6 N)"),
+        ("mass_kg", "2100", "2100 kg is no quadrotor: at most 150 kg"),
+        ("arm_m", "22.5", "22.5 m is no quadrotor: at most 3 m"),
+        (
+            "inertia_xx_kg_m2",
+            "22",
+            "22 kg m² is too much for 2.1 kg and arms of 0.225 m: at most 0.43 kg m²",
+        ),
+    ],
+)
+def test_an_airframe_that_cannot_fly_is_refused(
+    tmp_path: Path, key: str, value: str, said: str
+) -> None:
+    numbers = {**AIRFRAME_NUMBERS, key: value}
+    nominal = Path(load_profile.__code__.co_filename).parent / "profiles/nominal.yaml"
+    given = "".join(f"  {name}: {number}\n" for name, number in numbers.items())
+    file = tmp_path / "mine.yaml"
+    file.write_text(f"{nominal.read_text('utf-8')}airframe:\n{given}", encoding="utf-8")
+    with pytest.raises(BadInput) as error:
+        load_profile(file, shown_as="mine.yaml")
+    (problem,) = error.value.problems
+    assert problem.message == said
+    assert f"{key}: {value}" in str(problem)
 
 
 def test_gauss_markov_noise_has_its_spread_and_its_time() -> None:
