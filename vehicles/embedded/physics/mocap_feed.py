@@ -25,12 +25,7 @@ class MotionCaptureFeed:
     ) -> None:
         self._noise = noise
         self._source = source
-        # Integers: the k-th sample is taken at the first step not before k / rate.
-        rate_hz = noise.rate_hz
-        self._due = tuple(
-            step * rate_hz // physics_hz != (step - 1) * rate_hz // physics_hz
-            for step in range(physics_hz)
-        )
+        self._physics_hz = physics_hz
         self._rng = rng
         self._normals: list[list[float]] = []
         self._in_transit: deque[tuple[float, TruthSample, Pose]] = deque()
@@ -46,7 +41,11 @@ class MotionCaptureFeed:
 
     def is_due(self, step: int) -> bool:
         """Return whether motion capture samples this physics step."""
-        return bool(self._callbacks) and self._due[step % len(self._due)]
+        if not self._callbacks:
+            return False
+        # Integers: the k-th sample is taken at the first step not before k / rate.
+        rate_hz, physics_hz = self._noise.rate_hz, self._physics_hz
+        return step * rate_hz // physics_hz != (step - 1) * rate_hz // physics_hz
 
     def take(self, truth: TruthSample) -> None:
         """Sample the vehicle's true pose for motion capture."""
