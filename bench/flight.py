@@ -41,7 +41,7 @@ from wil_campaign.vehicles.autopilots.autopilot import (
     own_heartbeat,
 )
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
-from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig, Physics
 from wil_campaign.vehicles.embedded.process.embedded_launch import FeedClient
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 from wil_campaign.vehicles.embedded.profile import load_profile
@@ -159,17 +159,18 @@ def one_run(mode: str, aim: str, floor: str) -> list[Figure]:
     ]
 
 
-def lone_vehicle(autopilot: AutopilotName) -> list[Figure]:
+def lone_vehicle(autopilot: AutopilotName, physics: Physics = "jsbsim") -> list[Figure]:
     """Have a vehicle hover for two minutes, with estimates at 50 Hz and nobody at its link."""
-    rates = [_HOVER_S / run_virtual(_hover_cpu_s(autopilot)) for _ in range(_TRIALS)]
-    floor = "700 (JSBSim alone)"
-    return [Figure.of(f"{autopilot} alone", rates, _PER_CPU, aim="500", floor=floor)]
+    rates = [_HOVER_S / run_virtual(_hover_cpu_s(autopilot, physics)) for _ in range(_TRIALS)]
+    floor = "700 (JSBSim alone)" if physics == "jsbsim" else ""
+    return [Figure.of(f"{autopilot} alone, {physics}", rates, _PER_CPU, aim="500", floor=floor)]
 
 
-async def _hover_cpu_s(autopilot: AutopilotName) -> float:
+async def _hover_cpu_s(autopilot: AutopilotName, physics: Physics) -> float:
     """Return the CPU seconds that an embedded vehicle's hover takes."""
     near, far = memory_pair(latency_s=0.003)
-    config = EmbeddedConfig(autopilot=autopilot, profile=load_profile("nominal"), running_s=60.0)
+    profile = load_profile("nominal")
+    config = EmbeddedConfig(autopilot=autopilot, physics=physics, profile=profile, running_s=60.0)
     strategy, target = autopilot_named(autopilot), Target(1)
     codec = Codec(system_id=245, component_id=190)
     plan = [MessageRate(number, 50.0) for number in _ESTIMATES]
@@ -192,11 +193,11 @@ async def _hover_cpu_s(autopilot: AutopilotName) -> float:
     return spent_s
 
 
-def blind_pair() -> list[Figure]:
+def blind_pair(physics: Physics = "jsbsim") -> list[Figure]:
     """Have the pair hover for half a minute, without cameras and mixing."""
-    options = Options(
-        cases=("large",), modes=("wil",), sets=("oracles.reached.required=false", "controls={}")
-    )
+    by = [f"vehicles.{name}.physics={physics}" for name in ("real", "twin")]
+    sets = ("oracles.reached.required=false", "controls={}", *by)
+    options = Options(cases=("large",), modes=("wil",), sets=sets)
     plan = load_campaign(ROOT / "campaigns/gate.yaml", options).runs[0]
     rates = []
     for _ in range(_TRIALS):
@@ -208,7 +209,7 @@ def blind_pair() -> list[Figure]:
             began_s = time.process_time()
             result = fly(setup, lambda _: None, Nobody())
             rates.append((result.duration_s or 0.0) / (time.process_time() - began_s))
-    name = f"pair without cameras ({result.verdict})"
+    name = f"pair without cameras, {physics} ({result.verdict})"
     return [Figure.of(name, rates, _PER_CPU, aim="35, then 60", floor="100")]
 
 
@@ -351,7 +352,9 @@ def main() -> None:
         "vehicles": vehicle_starts,
         "px4": lambda: lone_vehicle("px4"),
         "ardupilot": lambda: lone_vehicle("ardupilot"),
+        "px4 compiled": lambda: lone_vehicle("px4", "compiled"),
         "pair": blind_pair,
+        "pair compiled": lambda: blind_pair("compiled"),
         "sim": lambda: one_run("sim", "18", "30"),
         "wil": lambda: one_run("wil", "9", "13"),
         "pyflyt": lambda: pyflyt(camera=False, seconds=20.0),

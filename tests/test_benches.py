@@ -156,3 +156,11 @@ def test_a_flight_of_the_table_is_one_of_the_nearest_point(benchmark: Any) -> No
     del flown["t0002"]
     (first,) = benchmark.missing([one.variant for one in points], flown)
     assert (first.variant.name, first.repetition) == ("t0002", 1)
+
+
+@pytest.mark.parametrize("benchmark", ["ros2"], indirect=True)
+def test_a_node_answers_every_image_of_the_bench(
+    benchmark: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    benchmark.images(40, 40.0, 64, 48)
+    assert "40 images of 64x48 at 40 Hz: 0 without an answer\n" in capsys.readouterr().out

@@ -2,7 +2,8 @@
 
 NO_JSBSIM = (
     "an embedded vehicle is simulated by JSBSim, which is not installed here (it has no package "
-    "for Linux on ARM): attach or launch the vehicle, or pip install jsbsim"
+    "for Linux on ARM): give the vehicle `physics: compiled`, attach or launch it, or pip "
+    "install jsbsim"
 )
 """Why there is no embedded vehicle on this machine, and what to do."""
 

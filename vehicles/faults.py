@@ -115,7 +115,6 @@ def _unknown_fault(text: str) -> FaultError:
 
 
 def _digits(seconds: float) -> str:
-    """Return a time with all its digits and no exponent."""
     return f"{seconds:.9f}".rstrip("0").rstrip(".")
 
 

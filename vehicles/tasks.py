@@ -224,7 +224,6 @@ def _is_library(coroutine: Any) -> bool:
 
 
 def _cancellation_of(task: asyncio.Task[Any]) -> BaseException:
-    """Return the CancelledError of a cancelled task."""
     try:
         task.result()
     except asyncio.CancelledError as error:
@@ -233,5 +232,4 @@ def _cancellation_of(task: asyncio.Task[Any]) -> BaseException:
 
 
 def _one_of(errors: list[BaseException]) -> BaseException:
-    """Return the only error of tasks, or all in a group."""
     return errors[0] if len(errors) == 1 else BaseExceptionGroup("several tasks failed", errors)

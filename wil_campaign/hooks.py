@@ -327,6 +327,19 @@ class Starter:
     files: str
 
 
+@dataclass(frozen=True, slots=True)
+class StarterOption:
+    """An option of `wil-campaign init`, which changes what the template gives.
+
+    name: the option. files: a function of the template's texts by name, which returns those of the
+    campaign. help: of the option.
+    """
+
+    name: str
+    files: str
+    help: str
+
+
 class LiveViewError(Exception):
     """A live view cannot be opened; the message says why, and what to do.
 
@@ -424,6 +437,11 @@ def problem_formats() -> Sequence[ProblemFormat]:  # type: ignore[empty-body]
 @_hook
 def starters() -> Sequence[Starter]:  # type: ignore[empty-body]
     """Return what campaigns are made of, other than the template."""
+
+
+@_hook
+def starter_options() -> Sequence[StarterOption]:  # type: ignore[empty-body]
+    """Return options of `init`."""
 
 
 @_hook

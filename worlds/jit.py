@@ -175,7 +175,6 @@ class _Kernel:
 
     @cached_property
     def dispatcher(self) -> Any:
-        """Return Numba's dispatcher of the function."""
         with self._loading:
             numba = _numba()
             folder = (

@@ -43,7 +43,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    """Return the parser of the preview's command line."""
     parser = argparse.ArgumentParser(
         prog="python -m wil_campaign.worlds.preview", description=__doc__
     )
@@ -83,7 +82,6 @@ def _image_file(text: str) -> Path:
 
 
 def _size(text: str) -> tuple[int, int]:
-    """Return the preview's image size. Raises ArgumentTypeError."""
     width, cross, height = text.partition("x")
     if not cross or not (width.isdecimal() and height.isdecimal()):
         raise argparse.ArgumentTypeError("must be WIDTHxHEIGHT, such as 960x540")

@@ -25,7 +25,8 @@ from wil_campaign.safety.oracles.goal import ReachedPositionParameters, TimeLimi
 from wil_campaign.safety.oracles.oracle_terms import Window, Windowed
 from wil_campaign.safety.oracles.reached import ReachedParameters
 from wil_campaign.safety.oracles.registry import oracle_kinds
-from wil_campaign.worlds.files.documents import Document, Path, Problem
+from wil_campaign.vehicles.embedded.profile import ProfileError, load_profile
+from wil_campaign.worlds.files.documents import BadInput, Document, Path, Problem
 from wil_campaign.worlds.frames import norm, subtract
 from wil_campaign.worlds.scene.motion import StartOn
 from wil_campaign.worlds.scene.scene import Scene
@@ -59,6 +60,7 @@ def case_warnings(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> It
         yield from room_warnings(files.campaign, setup, scene)
         yield from _late_motions(files, setup, scene)
     yield from _raised_starts(files.campaign, setup, modes)
+    yield from _small_bodies(files.campaign, setup)
     yield from _unused_parameters(files.campaign, setup)
     yield from simulated_actors(files.campaign, setup, modes)
     yield from _long_limits(files.campaign, setup)
@@ -82,6 +84,22 @@ def _raised_starts(campaign: Document, setup: Setup, modes: tuple[Mode, ...]) ->
                 f"{message} ground_up_m: '{name}' does not get down to the ground that is judged",
                 key=True,
             )
+
+
+def _small_bodies(campaign: Document, setup: Setup) -> Iterator[Problem]:
+    """Yield a warning for a vehicle without a body whose motors span more than the usual one."""
+    for name, vehicle in setup.vehicles.items():
+        at: Path = ("vehicles", name)
+        if not vehicle.embedded or campaign.get((*at, "body")) is not None:
+            continue
+        try:
+            airframe = load_profile(vehicle.profile).airframe
+        except (ProfileError, BadInput):
+            continue  # a problem of the campaign
+        width_m = 2.0 * vehicle.body.half_m[0]
+        if airframe is not None and airframe.motor_span_m > width_m:
+            message = f"vehicles.{name} has no body: {width_m:g} m is judged, but its motors alone"
+            yield campaign.problem(at, f"{message} span {airframe.motor_span_m:.2f} m", key=True)
 
 
 def _unused_parameters(campaign: Document, setup: Setup) -> Iterator[Problem]:

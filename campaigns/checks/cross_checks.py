@@ -134,7 +134,6 @@ def _contexts(
 
 
 def _oracle_problem(campaign: Document, name: str, error: OracleError) -> Problem:
-    """Return the problem of an oracle's parameters at its place in the campaign."""
     path: Path = ("oracles", name, *((error.key,) if error.key else ()))
     if error.offset is not None:
         return campaign.problem_within(path, error.offset, str(error), error.suggestion)

@@ -62,7 +62,6 @@ def room_warnings(campaign: Document, setup: Setup, scene: Scene) -> Iterator[Pr
 
 
 def _any_attitude(campaign: Document, path: Path, given: AttitudeParameters) -> Iterator[Problem]:
-    """Yield a warning for each limit of attitude that no attitude can exceed."""
     for key, steepest_deg in _STEEPEST_DEG.items():
         limit_deg = getattr(given, key)
         if limit_deg is not None and limit_deg >= steepest_deg:

@@ -191,20 +191,12 @@ def _sync(campaign: CampaignPart, uses: tuple[OracleUse, ...]) -> SyncSetup:
     part, twin = campaign.sync, campaign.vehicles.twin
     limits = [use.parameters for use in uses if isinstance(use.parameters, TimeLimitParameters)]
     longest_s = max([_GOAL_S, *(limit.limit_s + _GRACE_S for limit in limits)])
-    return SyncSetup(
-        goal_timeout_s=part.goal_timeout_s or longest_s,
-        identify_timeout_s=part.identify_timeout_s,
-        ready_timeout_s=part.ready_timeout_s,
-        takeoff_timeout_s=part.takeoff_timeout_s,
-        takeoff_tolerance_m=part.takeoff_tolerance_m,
-        landing_timeout_s=part.landing_timeout_s,
-        max_command_skew_s=part.max_command_skew_s,
-        max_takeoff_skew_s=part.max_takeoff_skew_s,
-        max_t0_skew_s=part.max_t0_skew_s,
-        takeoff=part.takeoff,
-        max_twin_distance_m=part.max_twin_distance_m
-        or LIMITS_M["follow" if twin is None else twin.coupling],
-    )
+    coupling = "follow" if twin is None else twin.coupling
+    found = {
+        "goal_timeout_s": part.goal_timeout_s or longest_s,
+        "max_twin_distance_m": part.max_twin_distance_m or LIMITS_M[coupling],
+    }
+    return SyncSetup(**(dict(part) | found))
 
 
 def _under_test(files: CaseFiles, part: CampaignPart) -> UnderTest:

@@ -67,7 +67,6 @@ def compose(document: Document, options: "Options", load_part: "Load") -> "Campa
 
 
 def _part_document(document: Document, name: str, file: str) -> Document:
-    """Return the file of a composition's part. Raises BadInput."""
     path = document.path.parent / file
     at = ("campaigns", name)
     if not is_file(path):
@@ -104,7 +103,6 @@ def _part_options(own: Document, part: CompositionPart, options: "Options") -> "
 
 
 def _case_names(campaign: "Campaign") -> tuple[str, ...]:
-    """Return the names of a part's cases and controls."""
     return (*campaign.cases, *dict.fromkeys(plan.case for plan in campaign.controls))
 
 
@@ -228,7 +226,6 @@ def _merge(
 
 
 def _named(name: str, plans: Iterable["RunPlan"]) -> Iterable["RunPlan"]:
-    """Yield a part's runs with its name before their case."""
     for plan in plans:
         control = plan.control
         yield replace(

@@ -302,7 +302,6 @@ def requested_bench(path: Path, options: Options) -> tuple[Document, BenchReques
 
 
 def _paths(files: Iterable[CaseFiles], bench: Bench | None) -> tuple[Path, ...]:
-    """Return the paths of all files of cases, and of the bench file if it is on this machine."""
     found = [path for one in files for path in one.paths]
     if bench is not None and is_file(bench.document.path):
         found.append(bench.document.path)
@@ -312,7 +311,6 @@ def _paths(files: Iterable[CaseFiles], bench: Bench | None) -> tuple[Path, ...]:
 def _warnings(
     part: CampaignPart, files: Mapping[str, CaseFiles], setups: Mapping[str, Setup]
 ) -> Iterator[Problem]:
-    """Yield the warnings of all cases and controls."""
     for name, one in files.items():
         control = part.controls.get(name)
         modes = tuple(part.modes) if control is None else modes_of(part, control)

@@ -15,6 +15,7 @@ from wil_campaign.campaigns.schema.vehicles import (
 )
 from wil_campaign.safety.fence.fence_schema import FencePart
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.embedded.physics.config import Physics
 from wil_campaign.worlds.files.documents import KeyFaultError, Part
 
 ActorPoses = Literal["simulator", "mavlink"]
@@ -44,24 +45,26 @@ class ElsewherePart(Part):
 class ActorPart(Part):
     """A vehicle that flies as an object of the world, along the motion which that object has there.
 
-    link: embedded, a link such as udpin://0.0.0.0:14560, or the simulation to launch. virtual:
-    what flies where the object is virtual, for an attached vehicle, which is physical: an embedded
+    link: embedded, a link such as udpin://0.0.0.0:14560, or the simulation to launch. virtual: what
+    flies where the object is virtual, for an attached vehicle, which is physical: an embedded
     vehicle, or itself at another place. autopilot: the firmware of the vehicle. profile: of an
-    embedded vehicle: air, motors, battery, estimator. params: autopilot parameters that are set
-    before arming, and read back. system_id: of MAVLink; from 3 on by default. signing: the source
-    of the key of an attached vehicle. telemetry: rates of positions, and the capacity of its radio.
-    pose_source: what moves the object: the simulator's ground truth (by default of a launched
-    vehicle), or the vehicle's own estimate (by default of an attached one). geofence: where the
-    vehicle may be; required for an attached one. max_offset_m: largest distance from its path,
-    beyond which the run is INVALID. max_delay_s: how long before, at most, the motion was where it
-    is: how late it left the ground, and how far it has fallen behind since. max_silence_s: longest
-    time without a position.
+    embedded vehicle: air, motors, battery, estimator. physics: what moves it. params: autopilot
+    parameters that are set before arming, and read back. system_id: of MAVLink; from 3 on by
+    default. signing: the source of the key of an attached vehicle. telemetry: rates of
+    positions, and the capacity of its radio. pose_source: what moves the object: the
+    simulator's ground truth (by default of a launched vehicle), or the vehicle's own estimate
+    (by default of an attached one). geofence: where the vehicle may be; required for an
+    attached one. max_offset_m: largest distance from its path, beyond which the run is INVALID.
+    max_delay_s: how long before, at most, the motion was where it is: how late it left the
+    ground, and how far it has fallen behind since. max_silence_s: longest time without a
+    position.
     """
 
     link: Annotated[str, AfterValidator(vehicle_link)] | LaunchPart
     virtual: Literal["embedded"] | ElsewherePart | None = None
     autopilot: AutopilotName
     profile: Text = "nominal"
+    physics: Physics = "jsbsim"
     params: dict[ParameterName, float] = Field(default_factory=dict)
     system_id: Annotated[int, Field(ge=1, le=250)] | None = None
     signing: SigningPart | None = None

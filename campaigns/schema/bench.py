@@ -42,7 +42,6 @@ class BenchRequestPart(Part):
 
     @model_validator(mode="after")
     def _require_something(self) -> Self:
-        """Refuse a request that any bench fits."""
         if self.name is None and not self.properties:
             raise ValueError("give the name of a bench, or properties that it must have")
         return self

@@ -187,7 +187,6 @@ class RecordPart(Part):
 
     @model_validator(mode="after")
     def _has_images_for_its_video(self) -> Self:
-        """Refuse a video of images that are not recorded."""
         is_wanted = "video" in self.model_fields_set and self.video != "never"
         if self.pictures == "none" and is_wanted:
             message = (

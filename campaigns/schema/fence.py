@@ -28,7 +28,6 @@ class GeofencePart(FencePart):
 
     @model_validator(mode="after")
     def _for_somebody(self) -> Self:
-        """Refuse a geofence that gives no vehicle a fence."""
         if not self.is_drawn and self.real is None and self.twin is None:
             raise ValueError("give a box; or include, exclude or file, and up_m; or real and twin")
         return self

@@ -163,7 +163,6 @@ SCHEMAS: Mapping[str, Callable[[], Schema]] = {
 
 
 def _definitions(*models: type[BaseModel]) -> tuple[dict[type[BaseModel], Schema], Schema]:
-    """Return a reference to each model's schema, and the definitions that these lead to."""
     wanted = [(model, _MODE) for model in models]
     found, whole = models_json_schema(wanted, by_alias=True, schema_generator=_Documented)
     return {model: found[model, _MODE] for model in models}, whole["$defs"]
@@ -210,7 +209,6 @@ def summary_of(model: type[BaseModel]) -> str:
 
 
 def _key_descriptions(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
-    """Yield each key with its description, from the docstrings of a model and its bases."""
     for one in reversed(model.__mro__):
         if not (issubclass(one, BaseModel) and one is not BaseModel):
             continue
@@ -249,7 +247,6 @@ def _unless_named(parameters: Schema) -> Schema:
 
 
 def _own_oracle() -> Schema:
-    """Return the schema of an oracle with a name of the user's."""
     keys = [kind.own_key for kind in oracle_kinds().values() if kind.own_key is not None]
     ways = "".join(f", or {own.noun} as `{own.key}`" for own in keys)
     use = {

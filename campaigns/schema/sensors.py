@@ -71,7 +71,6 @@ class ImagePart(CarriedPart):
         return self
 
     def _needs_optics(self) -> bool:
-        """Return whether this image sensor must give its optics."""
         return True
 
     def pinhole(self, distortion: tuple[float, ...] = ()) -> Intrinsics:
@@ -110,7 +109,6 @@ class CameraPart(ImagePart):
 
     @model_validator(mode="after")
     def _require_possible_lens(self) -> Self:
-        """Refuse a camera sensor's distortion that no lens can have."""
         fault = lens_fault(self.intrinsics()) if self.distortion and self._has_optics() else ""
         if fault:
             raise KeyFaultError("distortion", fault)
@@ -127,7 +125,6 @@ class CameraPart(ImagePart):
         return self
 
     def _has_optics(self) -> bool:
-        """Return whether the camera sensor gives its optics itself."""
         return self.fov_deg is not None or self.fx_px is not None
 
     def _needs_optics(self) -> bool:

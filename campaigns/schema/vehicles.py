@@ -14,6 +14,7 @@ from wil_campaign.installed_plugins import absent, added
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.command_backends import OWN_FRAMES
 from wil_campaign.vehicles.coupling import Coupling
+from wil_campaign.vehicles.embedded.physics.config import Physics
 from wil_campaign.vehicles.links.link_strings import LinkAddressError, parse_link
 from wil_campaign.worlds.files.documents import KeyFaultError, Part
 from wil_campaign.worlds.frames import Pose
@@ -198,18 +199,20 @@ class VehiclePart(Part):
 
     link: embedded (the built-in simulation), a link such as udpin://0.0.0.0:14550, or the
     simulation to launch. autopilot: the firmware of the vehicle. profile: of an embedded vehicle:
-    air, motors, battery, estimator, camera. params: autopilot parameters that are set before
-    arming, and read back. pose_source: where the poses for judging and rendering come from: the
-    simulator's ground truth (by default of a launched vehicle, and of an attached simulation that
-    offers it when a campaign begins), motion capture, or the vehicle's own estimate (by default of
-    others). sensors: by the names that the recipe uses. driver: what
-    sends commands: mavlink (built in), or mavsdk in a separate process. system_id: of MAVLink; by
-    default 1 for the real vehicle and 2 for the twin. anchor: what defines the place before arming:
-    `start`, or motion capture. mocap: the source of motion capture; null: the embedded vehicle's.
-    spare_links: further links to the same vehicle, used when those before them fall silent.
-    coupling: of the twin, how it follows the real vehicle in mode wil. body: the one by which the
-    vehicle is judged; by default that of the embedded vehicle. permit_dead_reckoning: whether the
-    flight goes on, with a caveat, where the estimator loses what held its position at arming.
+    air, motors, battery, estimator, camera. physics: what moves an embedded vehicle: JSBSim, or
+    a compiled rigid body that flies as JSBSim does, for less of the processor. params:
+    autopilot parameters that are set before arming, and read back. pose_source: where the poses
+    for judging and rendering come from: the simulator's ground truth (by default of a launched
+    vehicle, and of an attached simulation that offers it when a campaign begins), motion
+    capture, or the vehicle's own estimate (by default of others). sensors: by the names that
+    the recipe uses. driver: what sends commands: mavlink (built in), or mavsdk in a separate
+    process. system_id: of MAVLink; by default 1 for the real vehicle and 2 for the twin.
+    anchor: what defines the place before arming: `start`, or motion capture. mocap: the source
+    of motion capture; null: the embedded vehicle's. spare_links: further links to the same
+    vehicle, used when those before them fall silent. coupling: of the twin, how it follows the
+    real vehicle in mode wil. body: the one by which the vehicle is judged; by default that of
+    the embedded vehicle. permit_dead_reckoning: whether the flight goes on, with a caveat,
+    where the estimator loses what held its position at arming.
     """
 
     link: Annotated[str, AfterValidator(vehicle_link)] | LaunchPart
@@ -220,6 +223,7 @@ class VehiclePart(Part):
     signing: SigningPart | None = None
     telemetry: TelemetryPart = TelemetryPart()
     profile: Text = "nominal"
+    physics: Physics = "jsbsim"
     params: dict[ParameterName, float] = Field(default_factory=dict)
     start: StartPart = StartPart()
     anchor: Literal["start", "mocap"] = "start"

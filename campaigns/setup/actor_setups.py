@@ -113,6 +113,7 @@ def actor_setups(
             link=link,
             autopilot=part.autopilot,
             profile=profile,
+            physics=part.physics,
             start=thing.pose,
             system_id=own_id,
             pose_source=part.poses_from,

@@ -128,7 +128,6 @@ def shipped_autonomies() -> tuple[ShippedAutonomy, ...]:
 
 
 def _check_autonomy(found: object, use: str) -> AutonomyFactory:
-    """Return the autonomy's factory when it takes the arguments of an autonomy."""
     if not callable(found):
         raise BadReferenceError(f"'{use}' is neither a class nor a function")
     lacking = _lacks(found) if inspect.isclass(found) else ""

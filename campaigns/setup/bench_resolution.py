@@ -218,7 +218,6 @@ def _absolute(node: Node, path: KeyPath, folder: Path) -> Node:
 
 
 def _names_file(path: KeyPath, text: str) -> bool:
-    """Return whether the text at a path of a bench file is a file's name."""
     if path == _FILES[0]:
         return text.endswith((".yaml", ".yml"))
     if path in _FILES:

@@ -2,9 +2,8 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
-from wil_campaign.campaigns.schema import Mode, PreflightPart, RecordPart, VehicleName
+from wil_campaign.campaigns.schema import Mode, PreflightPart, RecordPart, SyncPart, VehicleName
 from wil_campaign.campaigns.setup.actor_setups import ActorSetup
 from wil_campaign.campaigns.setup.autonomy_under_test import UnderTest
 from wil_campaign.campaigns.setup.case_files import CaseFiles
@@ -46,21 +45,11 @@ FLIES: Mapping[Mode, tuple[VehicleName, ...]] = {
 placed twin (`Setup.flying`)."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SyncSetup:
-    """The synchronisation limits of a case; seconds of the run clock, metres."""
+class SyncSetup(SyncPart):
+    """The campaign's `sync`, with what it leaves open: seconds of the run clock, metres."""
 
-    identify_timeout_s: float
-    ready_timeout_s: float
-    takeoff_timeout_s: float
-    takeoff_tolerance_m: float
     goal_timeout_s: float
-    landing_timeout_s: float
-    max_command_skew_s: float
-    max_takeoff_skew_s: float
-    max_t0_skew_s: float
     max_twin_distance_m: float = LIMITS_M["follow"]
-    takeoff: Literal["liftoff", "command"] = "liftoff"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

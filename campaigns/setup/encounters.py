@@ -75,7 +75,6 @@ def _encounter(setup: Setup, actor: ActorSetup, other: FlownSetup) -> Encounter:
 
 
 def _fence(setup: Setup, vehicle: FlownSetup) -> Fence | None:
-    """Return a vehicle's fence in W."""
     fence = setup.fences.get(vehicle.name)
     if fence is None or not isinstance(vehicle, ActorSetup) or vehicle.place is None:
         return fence

@@ -39,7 +39,6 @@ def sensor_setups(
 def _sourced(
     campaign: Document, vehicle: VehiclePart, part: SourcedPart, setup: OtherSetup
 ) -> SensorSetup:
-    """Return the setup of a sensor with external readings. Raises KeyFaultError."""
     if part.source is None:
         return setup
     message = part.sourced_from(vehicle.autopilot)
@@ -103,5 +102,4 @@ def _calibration(
 
 
 def _folder(campaign: Document) -> Path:
-    """Return the campaign's folder, to which external files are relative."""
     return campaign.path.parent

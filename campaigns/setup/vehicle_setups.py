@@ -40,6 +40,7 @@ from wil_campaign.vehicles.embedded.autopilot.known_parameters import (
     unused_parameters,
 )
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.vehicles.embedded.physics.config import Physics
 from wil_campaign.vehicles.embedded.physics.contact_world import body_of
 from wil_campaign.vehicles.embedded.profile import ProfileError, load_profile
 from wil_campaign.vehicles.launch.ardupilot import ArduPilotLaunch
@@ -75,10 +76,11 @@ class FlownSetup:
     """The setup of any vehicle of a run, of the pair or an actor.
 
     link: "embedded", the address of an attached one, or the launch of a simulation. profile: for
-    `load_profile`: a name, or an absolute path. params: autopilot parameters by name. start: where
-    it stands, world frame. signing: the source of its key. rates: of telemetry, as its slowest
-    radio carries them. spares: further links of an attached one.
-    permits_dead_reckoning: whether its flight goes on where nothing holds its position any more.
+    `load_profile`: a name, or an absolute path. physics: of an embedded one. params: autopilot
+    parameters by name. start: where it stands, world frame. signing: the source of its key.
+    rates: of telemetry, as its slowest radio carries them. spares: further links of an attached
+    one. permits_dead_reckoning: whether its flight goes on where nothing holds its position any
+    more.
     """
 
     name: str
@@ -87,6 +89,7 @@ class FlownSetup:
     profile: str
     start: Pose
     system_id: int
+    physics: Physics = "jsbsim"
     driver: str = OWN_FRAMES
     pose_source: PoseSource = "mavlink"
     params: Mapping[str, float] = field(default_factory=dict)
@@ -205,6 +208,7 @@ def _vehicle(
         link=link_of(campaign, at, part.link, part.params, problems),
         autopilot=part.autopilot,
         profile=profile_of(campaign, at, part.profile, problems),
+        physics=part.physics,
         start=part.start.pose(),
         driver=part.driver,
         system_id=part.system_id or _SYSTEM_IDS[name],

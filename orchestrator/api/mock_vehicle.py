@@ -165,7 +165,6 @@ class MockVehicle:
         self.__exit__(kind)
 
     def _choose_port(self) -> None:
-        """Choose a free port of loopback."""
         address = parse_link(self._settings.link)
         kind = socket.SOCK_DGRAM if address.kind.startswith("udp") else socket.SOCK_STREAM
         with socket.socket(socket.AF_INET, kind) as probe:
@@ -305,7 +304,6 @@ def mock_vehicle(
 
 
 def _parse_fault(text: str) -> Fault:
-    """Return the fault of a mock vehicle in a text. Raises FaultError."""
     fault = parse_fault(text)
     if fault.name == "camera":
         raise FaultError(f"{text!r}: a mock vehicle has no camera")

@@ -134,7 +134,6 @@ def _unused_folder(folder: Path) -> Path:
 
 
 def _log_lines(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the complete lines of a run's log."""
     with path.open(encoding="utf-8") as file:
         for line in file:
             if line.endswith("\n"):

@@ -307,7 +307,6 @@ class _Flight:
         return CampaignOutcome(summary=summary, folder=self._folder, exit_code=code)
 
     def _orders(self) -> Iterable[RunOrder]:
-        """Yield the orders of the campaign's runs in the order of their start."""
         plans: Sequence[RunPlan] = self._plans
         if self._cleared.jobs > 1:
             # Pairs take longest, so they start first; else the last one would occupy a single core.
@@ -423,7 +422,6 @@ class _Flight:
         return following
 
     def _show_output(self, order: RunOrder) -> None:
-        """Show the end of a run's output, if it has any."""
         lines = output_tail(order.folder, _OUTPUT_LINES)
         if lines:
             self._say(f"{order.plan.name}: {order.folder / OUTPUT_FILE} ends with")
@@ -503,6 +501,5 @@ class _Flight:
 
 
 def _with_artifact_paths(run: RunResult) -> RunResult:
-    """Return a run's result with its artifacts relative to the campaign's folder."""
     prefix = f"{run.case}/{run.mode}/{run.rep}"
     return replace(run, artifacts=tuple(f"{prefix}/{name}" for name in run.artifacts))

@@ -89,7 +89,9 @@ def _settings_of(campaign: Campaign, found: Iterable[AttachedVehicle]) -> tuple[
 
 def _require_no_embedded(campaign: Campaign) -> None:
     """Raise RefusedError for vehicles that only JSBSim can simulate."""
-    if names := [one.name for one in flown_vehicles(campaign) if one.embedded]:
+    if names := [
+        one.name for one in flown_vehicles(campaign) if one.embedded and one.physics == "jsbsim"
+    ]:
         raise RefusedError(f"{' and '.join(names)}: {NO_JSBSIM}", REFUSED)
 
 

@@ -92,5 +92,4 @@ def _lines(
 
 
 def _count_text(count: int, name: str) -> str:
-    """Return a count with its noun in an external line."""
     return f"{count} {name}{'' if count == 1 else 's'}"

@@ -46,7 +46,6 @@ def _last_needs(folder: Path, clock: Clock) -> FlightNeeds | None:
 
 
 def _wall_times_s(summary: Path, clock: Clock) -> Iterator[float]:
-    """Yield the wall time of each flight of a summary, as far as it is readable."""
     try:
         document = loads_limited(summary.read_bytes())
     except (OSError, ValueError, RecursionError):

@@ -48,6 +48,8 @@ the largest median of the registration error."""
 LAST_LINE = 120
 """Letters of the last line at most; what is longer stands above it."""
 _ABOVE = "more above"
+_LOGS = ("-node.log", "-autonomy.log")
+"""What a ROS 2 node and a program printed, among the files of a run."""
 _MOST_RETRIED = 3
 """How many runs that took several attempts the last line names; the lines above have all."""
 
@@ -119,7 +121,6 @@ def closing_lines(
 
 
 def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[RenderableType]:
-    """Return the verdict table's cells of a case and mode."""
     passed = sum(run.verdict == "PASS" for run in runs)
     return (
         f"{passed}/{len(runs)}",
@@ -195,12 +196,12 @@ def _reasons(summary: Summary) -> list[Text]:
         for run in summary.runs
         if run.verdict != "PASS" or run.attempts
     ]
-    lines += [
+    controls = [
         Text(f"control {run.case} {run.mode} {run.verdict}, as required: {run.reason}", style="dim")
         for run in summary.controls
         if run.control is not None and run.control.met
     ]
-    return lines + [Text(text, style="bold red") for text in summary.unmet]
+    return lines + controls
 
 
 def explained_words(summary: Summary) -> list[Text]:
@@ -230,7 +231,12 @@ def next_steps(summary: Summary, *, file: Path, folder: Path, has_report: bool) 
     if summary.not_flown or is_cut:
         line = shlex.join(("wil-campaign", "run", str(file), "--out", str(folder), "--resume"))
         steps.append(f"next: {line} flies what is missing")
-    if any(run.verdict == "FAIL" for run in summary.runs):
+    broken = [run for run in summary.runs if run.decided_by == f"autonomy/{run.subject}"]
+    logs = [name for run in broken for name in run.artifacts if name.endswith(_LOGS)]
+    if logs:
+        log = shlex.quote(str(folder / logs[0]))
+        steps.append(f"next: {log} has all that the autonomy printed")
+    if any(run.verdict == "FAIL" and run not in broken for run in summary.runs):
         line = shlex.join(("wil-campaign", "judge", str(file), str(folder)))
         steps.append(f"next: {line} tries other limits without flying")
     if has_report:
@@ -294,4 +300,4 @@ def _fitting(text: str, parts: Sequence[str], most: int) -> list[str]:
 
 def _head(part: str) -> str:
     """Return what a part of the last line begins with, before its details."""
-    return re.split(r": | \(", part, maxsplit=1)[0]
+    return re.split(r": | \(|, but ", part, maxsplit=1)[0]

@@ -78,7 +78,6 @@ def package_of(requirement: str) -> str:
 
 
 def _required_packages(requirements: list[str]) -> Iterator[str]:
-    """Yield the names of the packages that must be installed."""
     for one in requirements:
         if "extra ==" not in one:
             yield package_of(one)

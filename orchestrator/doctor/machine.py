@@ -190,7 +190,6 @@ def _simulators(launches: Iterable[LaunchRecord]) -> Iterator[Finding]:
 
 
 def _vehicles(guards: Iterable[GuardRecord]) -> Iterator[Finding]:
-    """Yield findings on embedded vehicles without a guard and orchestrator."""
     for one in guards:
         alive = [child.pid for child in one.children if child.lives]
         if alive and not one.guard.lives and not (one.owner is not None and one.owner.lives):
@@ -208,7 +207,6 @@ def _parameters(backups: Path) -> Iterator[Finding]:
 
 
 def _runs(name: str) -> bool:
-    """Return whether a process of this name runs on this machine."""
     return any(process.info["name"] == name for process in psutil.process_iter(["name"]))
 
 

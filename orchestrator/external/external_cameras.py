@@ -46,7 +46,6 @@ class ExternalCamera(ExternalSource):
 
 
 def _image_file(setup: SourceSetup, rate_hz: float) -> ImageFile:
-    """Return the reader of an external camera's recorded images."""
     path = Path(setup.address)
     if setup.kind == "images":
         return ImageFolder(path=path, rate_hz=rate_hz)

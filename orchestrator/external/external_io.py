@@ -121,6 +121,11 @@ class ExternalIo:
             for text in simulator.disagreements
         )
 
+    @property
+    def environment(self) -> Mapping[str, str]:
+        """Return what the observers add to the environment of programs, once they are open."""
+        return {k: v for one in self._observers for k, v in one.environment.items()}
+
     def attach(self, contexts: Iterable[VehicleContext]) -> None:
         """Attach the vehicles, which carry external sensors."""
         contexts = tuple(contexts)
@@ -281,7 +286,6 @@ class ExternalIo:
 
 
 def _observers(setup: RunSetup, events: Mapping[str, float]) -> Iterator[Observer]:
-    """Yield what observes a run, by the keys of its campaign."""
     for name, given in setup.campaign.observers.items():
         observer: Observer = load(added(run_observers)[name].observe)(setup, given, events)
         yield observer
@@ -290,7 +294,6 @@ def _observers(setup: RunSetup, events: Mapping[str, float]) -> Iterator[Observe
 def _simulated_source_result(
     vehicle: str, sensor: str, simulator: ZmqImageSource, check: SimulatorCheck
 ) -> SourceResult:
-    """Return the result of a camera rendered by an external simulator."""
     counts = simulator.counts
     return SourceResult(
         vehicle=vehicle,

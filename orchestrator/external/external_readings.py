@@ -95,7 +95,6 @@ class ExternalReadings(ExternalSource):
         return RecordedReadings(file=self._make_file(), side=self._side, latency_s=source.latency_s)
 
     def _make_file(self) -> ReadingFile:
-        """Return the reader of a recorded source."""
         source = self._from_setup
         if source.kind not in OWN_SOURCES:
             file: ReadingFile = self._made_by_plugin()
@@ -104,7 +103,6 @@ class ExternalReadings(ExternalSource):
         return TopicReadings(path=path, kind=kind, topic=source.topic, mount=mount)
 
     def _made_by_plugin(self) -> Any:
-        """Return what the plugin makes that has the source's scheme."""
         sensor, source = self._setup, self._from_setup
         return load(added(sources)[source.kind].open)(
             SourceRequest(
@@ -122,7 +120,6 @@ class ExternalReadings(ExternalSource):
         )
 
     def _make_live(self) -> LiveReadings:
-        """Return the receiver of a live source."""
         sensor, source = self._setup, self._from_setup
         if source.kind not in OWN_SOURCES and source.shown_as == "live":
             live: LiveReadings = self._made_by_plugin()

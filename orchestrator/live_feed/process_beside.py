@@ -32,7 +32,6 @@ def process_beside(arguments: Sequence[str], *, lines: int, end_s: float) -> Ite
 
 
 def _first_lines(process: "subprocess.Popen[bytes]", count: int) -> list[str]:
-    """Return the process's first lines, as far as they came."""
     assert process.stdout is not None  # noqa: S101 - it is a pipe
     data, give_up_s = b"", time.monotonic() + _OPEN_S
     while data.count(b"\n") < count:

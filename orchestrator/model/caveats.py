@@ -53,7 +53,6 @@ def synthesised_texts(summary: Summary) -> list[str]:
 
 
 def _synthesised(summary: Summary) -> list[str]:
-    """Return the sensors whose readings are synthesised, as the caveat lists them."""
     return [name for name, kind in summary.sensors.items() if kind == "synthesised"]
 
 
@@ -168,7 +167,6 @@ def dropped_out_texts(runs: Sequence[RunResult]) -> list[str]:
 def _passed_combinations(
     runs: Iterable[RunResult],
 ) -> Iterator[tuple[RunResult, CombinationResult]]:
-    """Yield the combinations of the recipe in each passed run."""
     for run in runs:
         if run.verdict == "PASS" and run.mixing is not None:
             yield from ((run, one) for one in run.mixing.combinations)
@@ -286,6 +284,5 @@ def _in_runs(found: Iterable[tuple[str, RunResult]]) -> list[str]:
 
 
 def _count(repetitions: set[int]) -> str:
-    """Return a number of runs in a caveat."""
     count = len(repetitions)
     return f"{count} run{'' if count == 1 else 's'}"

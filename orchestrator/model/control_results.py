@@ -1,11 +1,11 @@
 """Control runs against their expectation: one that passes shows that its campaign cannot fail."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from wil_campaign.campaigns.values.expectation import Expectation
-from wil_campaign.safety.model.oracle_results import Verdict
+from wil_campaign.safety.model.oracle_results import OracleResult, Verdict
 from wil_campaign.safety.model.verdict import source_of
 
 
@@ -39,8 +39,16 @@ class ControlRun(Protocol):
         """Return the control run's verdict."""
 
     @property
-    def reason(self) -> str:
-        """Return the reason of the control run's verdict."""
+    def bare_reason(self) -> str:
+        """Return the reason of the control run's verdict, without the autonomy's note."""
+
+    @property
+    def decided_by(self) -> str:
+        """Return the source of the control run's verdict, as "reached/real"."""
+
+    @property
+    def oracles(self) -> Sequence[OracleResult]:
+        """Return the results of the oracles that judged the control run."""
 
     @property
     def control(self) -> ControlResult | None:
@@ -71,16 +79,32 @@ def control_faults(runs: Iterable[ControlRun]) -> list[str]:
 
 
 def expected_text(control: ControlResult) -> str:
-    """Return in words how a control is expected to end."""
+    """Return in words how a control must end, after "must"."""
     by = "" if control.oracle is None else f" by {control.oracle}"
     because = "" if control.cause is None else f", because of '{control.cause}'"
-    return f"{control.verdict}{by}{because}"
+    verb = "" if control.verdict == "FAIL" else "be "
+    return f"{verb}{control.verdict}{by}{because}"
+
+
+def ended_text(run: ControlRun) -> str:
+    """Return in words how a control ended, and by which oracle."""
+    by = f" by {name}" if (name := _oracle_of(run)) else ""
+    return f"FAILED{by}" if run.verdict == "FAIL" else f"was {run.verdict}{by}"
+
+
+def _oracle_of(run: ControlRun) -> str:
+    """Return the name of the oracle that decided a control; empty where none did."""
+    sources = {source_of(one.name, one.vehicle): one.name for one in run.oracles}
+    return sources.get(run.decided_by, "")
 
 
 def _fault(run: ControlRun) -> str:
-    """Return in words how a control ended against its expectation."""
-    name = f"control {run.case} in mode {run.mode}"
-    if run.verdict == "PASS":
-        return f"this campaign cannot fail: {name} passed"
-    wanted = "" if run.control is None else expected_text(run.control)
-    return f"{name} must end as {wanted}, but ended as {run.verdict}: {run.reason}"
+    """Return in words how a control ended against its expectation, and what to write instead."""
+    if run.verdict == "PASS" or run.control is None:
+        return f"this campaign cannot fail: control {run.case} in mode {run.mode} passed"
+    wanted, by = run.control, _oracle_of(run)
+    fault = f"control {run.case} {run.mode} must {expected_text(wanted)}, but {ended_text(run)}"
+    fault += f" ({run.bare_reason})"
+    if by and wanted.verdict == run.verdict and wanted.oracle not in {None, by}:
+        fault += f"; expect oracle: {by}, or leave {by} out"
+    return fault

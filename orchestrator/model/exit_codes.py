@@ -141,7 +141,6 @@ def exit_code(
 def _code_of(
     runs: Sequence[RunResult], requirements: Sequence[Requirement], controls_due: int
 ) -> int:
-    """Return the exit code of an uninterrupted campaign's results."""
     required = [run for run in runs if run.required]
     unmet = [run for run in runs if run.control is not None and not run.control.met]
     if any(run.verdict in {"ERROR", "INVALID"} for run in (*required, *unmet)):

@@ -64,11 +64,9 @@ class Faults:
                 self._hand_over(self._record(one, where))
 
     def _is_known(self, error: BaseException) -> bool:
-        """Return whether an exception is recorded already."""
         return any(error is known for known in self._known)
 
     def _record(self, error: BaseException, where: str) -> Fault:
-        """List and log an exception as a fault."""
         self._known.append(error)
         fault = Fault.of(error, where, self._time())
         self.all.append(fault)

@@ -118,7 +118,6 @@ def _unmentioned_errors(run: RunResult) -> list[str]:
 
 
 def _is_red(case: ET.Element) -> bool:
-    """Return whether a JUnit test case failed."""
     return any(case.find(tag) is not None for tag in ("failure", "error"))
 
 
@@ -169,7 +168,6 @@ def _unaccepted_case(summary: Summary) -> ET.Element:
 
 
 def _line(oracle: OracleResult) -> str:
-    """Return an oracle's result as a line of JUnit output."""
     parts = [f"{oracle.verdict} {oracle.name} ({oracle.vehicle})"]
     if oracle.actual is not None:
         parts.append(f"actual {oracle.actual:.4g} {oracle.unit}".rstrip())
@@ -181,7 +179,6 @@ def _line(oracle: OracleResult) -> str:
 
 
 def _seconds(value: float) -> str:
-    """Return a time as JUnit writes it."""
     return f"{value:.3f}"
 
 

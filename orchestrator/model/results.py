@@ -8,16 +8,19 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from wil_campaign.orchestrator.model.arming_steps import ArmingStep
-from wil_campaign.orchestrator.model.control_results import ControlResult
+from wil_campaign.orchestrator.model.control_results import ControlResult, control_result
 from wil_campaign.orchestrator.model.external_results import ExternalResult
 from wil_campaign.orchestrator.model.flown_firmware import FlownFirmware
 from wil_campaign.orchestrator.model.twin_results import TwinResult
 from wil_campaign.safety.model.oracle_results import EvidenceResult, Flag, OracleResult, Verdict
 from wil_campaign.safety.model.verdict import Decision
 from wil_campaign.safety.preflight import Item
+
+if TYPE_CHECKING:
+    from wil_campaign.campaigns.expansion.expansion import RunPlan
 
 Stop = Literal["signal", "command"]
 """What ended a campaign early: Ctrl-C or SIGTERM, or an operator's command."""
@@ -330,3 +333,44 @@ def percentiles(values: Sequence[float]) -> Percentiles:
         return ordered[max(0, math.ceil(share * len(ordered)) - 1)]
 
     return Percentiles(rank(0.50), rank(0.99))
+
+
+def result_without_parts(
+    plan: "RunPlan",
+    decision: Decision,
+    *,
+    wall_s: float,
+    exceptions: tuple[str, ...],
+    no_retry: str = "",
+) -> RunResult:
+    """Return the result of a run of which no more is known than how it was decided."""
+    return RunResult(
+        case=plan.case,
+        mode=plan.mode,
+        rep=plan.repetition,
+        seed=plan.seed,
+        verdict=decision.verdict,
+        reason=decision.reason,
+        also=also_of(decision),
+        required=plan.required,
+        duration_s=None,
+        wall_s=wall_s,
+        oracles=(),
+        sync=SyncResult(),
+        mixing=None,
+        decided_by=decision.source,
+        control=control_of(plan, decision),
+        exceptions=exceptions,
+        no_retry=no_retry,
+    )
+
+
+def control_of(plan: "RunPlan", decision: Decision) -> ControlResult | None:
+    """Return the control result of a run by its verdict; None where the run is no control."""
+    return control_result(
+        plan.control,
+        verdict=decision.verdict,
+        reason=decision.reason,
+        decided_by=decision.source,
+        subject="twin" if plan.mode == "sim" else "real",
+    )

@@ -349,12 +349,10 @@ class CampaignController:
 
 
 def _runs(count: int) -> str:
-    """Return a number of runs in words for an operator."""
     return f"{count} run" if count == 1 else f"{count} runs"
 
 
 def _plain(progress: Progress) -> dict[str, Any]:
-    """Return a run's progress as plain values for an operator."""
     return {
         "stage": progress.stage,
         "t_s": round(progress.t_s, 3),

@@ -157,11 +157,9 @@ def _send_to_socket(place: Place, kind: OperatorKind, who: str, **more: str) -> 
 
 
 def _no_answer(place: Place, error: NoAnswerError) -> CommandReply:
-    """Return the reply for a socket that does not answer."""
     return CommandReply(ok=False, text=f"{place.name}: {error}", place=place)
 
 
 def _reply(place: Place, answer: dict[str, object]) -> CommandReply:
-    """Return a socket's answer to an operator's command as a reply."""
     text = f"{place.name}: {answer.get('text', '')}"
     return CommandReply(ok=answer.get("ok") is True, text=text, place=place, answered=True)

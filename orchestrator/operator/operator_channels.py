@@ -50,7 +50,6 @@ def _close_log(controller: CampaignController) -> None:
 
 
 async def _serve_socket(stack: AsyncExitStack, controller: CampaignController) -> None:
-    """Serve the campaign controller's operator socket, and record it."""
     record = stack.enter_context(CampaignRecord(name=controller.campaign, folder=controller.folder))
     for text in record.passed_over:
         controller.warn(text)
@@ -66,7 +65,6 @@ async def _serve_socket(stack: AsyncExitStack, controller: CampaignController) -
 
 
 def _guards(controller: CampaignController) -> Sequence[Place]:
-    """Return the guards of the controlled campaign's runs."""
     try:
         return places().beneath(controller.folder).guards
     except OSError:

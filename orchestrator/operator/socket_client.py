@@ -66,5 +66,4 @@ def _connect(end: socket.socket, path: Path, *, within_s: float) -> None:
 
 
 def _line(command: str, who: str, **more: str) -> bytes:
-    """Return a command's line for the operator socket."""
     return json.dumps({"command": command, "who": who, **more}).encode() + b"\n"

@@ -118,7 +118,6 @@ def _open_orders(folder: Path) -> frozenset[str]:
 
 
 def _is_begun(home: Path) -> bool:
-    """Return whether a run's folder has anything in it."""
     try:
         return any(home.iterdir())
     except OSError:

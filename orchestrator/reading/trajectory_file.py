@@ -92,7 +92,6 @@ class _Cells:
         self._columns, self._line = columns, line
 
     def get(self, name: str) -> str | None:
-        """Return a cell of the row."""
         at = self._columns.get(name, len(self._line))
         return self._line[at] if at < len(self._line) else None
 

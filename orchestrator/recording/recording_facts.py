@@ -112,7 +112,6 @@ def mounts_in(facts: Mapping[str, str]) -> dict[str, CameraMount]:
 
 
 def _mount_of(mount: dict[str, Any]) -> CameraMount:
-    """Return the camera mount in a recording's facts."""
     x_m, y_m, z_m = mount["pose"]["position_ned_m"]
     w, x, y, z = mount["pose"]["q_wxyz"]
     return CameraMount(Pose((x_m, y_m, z_m), (w, x, y, z)), mount["stabilized"])

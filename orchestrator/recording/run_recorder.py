@@ -272,7 +272,6 @@ class RunRecorder:
 
 
 def _row(context: VehicleContext, stage: str, now_s: float) -> TrajectoryRow:
-    """Return a vehicle's row of the recorded trajectory."""
     state = context.driver.state
     truth = context.truth.latest()
     return TrajectoryRow(

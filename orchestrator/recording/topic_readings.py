@@ -73,7 +73,6 @@ class TopicReadings:
         )
 
     def _topics(self) -> Mapping[str, str]:
-        """Return the recording's topics of readings, with the type of their sensor."""
         kinds: dict[str, str] = {}
         for decoders, message in self._messages():
             topic = decoders.topic(message)
@@ -82,7 +81,6 @@ class TopicReadings:
         return kinds
 
     def _messages(self) -> Iterator[tuple[TopicDecoders, Message]]:
-        """Yield the recording's messages, each with its decoders."""
         decoders = TopicDecoders(mount=self._mount)
         for record in RecordStream(self._path):
             if isinstance(record, Schema | Channel):

@@ -107,7 +107,6 @@ def _pose(pose: Pose | None) -> str:
 
 
 def _setpoint(setpoint: Setpoint | None) -> str:
-    """Return a setpoint as the trajectory's CSV cells."""
     match setpoint:
         case PositionSetpoint(position, yaw_rad):
             kind, vector = "position", position

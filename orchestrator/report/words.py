@@ -68,6 +68,11 @@ def short_time(t_s: float | None, goal_s: float | None) -> str:
     return f"{t_s:.2f} s" if goal_s is None else f"{t_s - goal_s:+.2f} s"
 
 
+def runs_text(count: int) -> str:
+    """Return a number of runs."""
+    return f"{count} run" if count == 1 else f"{count} runs"
+
+
 def place_text(position_ned_m: Vec3 | None) -> str:
     """Return a position by its axes."""
     if position_ned_m is None:

@@ -41,6 +41,11 @@ class Observer:
         """Receive a contact at the moment it is detected."""
 
     @property
+    def environment(self) -> Mapping[str, str]:
+        """Return environment variables for the programs of the run; asked once it is open."""
+        return {}
+
+    @property
     def result(self) -> ExternalResult:
         """Return the observer's part of the run's results."""
         return ExternalResult()

@@ -53,6 +53,8 @@ class RunState:
         """Returns the last note of the judged vehicle's autonomy; set once there are vehicles."""
         self.autonomy_folders: set[Path] = set()
         """Folders of the code under test: what it raises beside its calls is its failure."""
+        self.environment: dict[str, str] = {}
+        """What observers add to the environment of the run's programs."""
         self._is_held = False
         self.holds = 0
         """How often the operator has held the run."""

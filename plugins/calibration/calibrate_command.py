@@ -211,7 +211,6 @@ def _reason(error: ValueError) -> str:
 
 
 def _draw(board: Board, path: Path) -> int:
-    """Draw the calibration board to print it. Raises OfflineError."""
     if not isinstance(board, CharucoBoard):
         raise OfflineError("--draw writes ChArUco boards only; chessboards are easily found")
     if not cv2.imwrite(str(path), board.picture(_CELL_PX)):
@@ -222,7 +221,6 @@ def _draw(board: Board, path: Path) -> int:
 
 
 def _as_text(calibration: CalibrationPart, views: BoardViews, path: Path) -> str:
-    """Return a calibration's result in words."""
     camera, quality = calibration.camera, calibration.quality
     lines = [f"the board was seen in {len(views.sightings)} of {views.searched} images"]
     if quality is not None:

@@ -125,7 +125,6 @@ def _optics(camera: Intrinsics) -> OpticsPart:
 
 
 def _quality(fit: OpticsFit, board: Board) -> OpticsQualityPart:
-    """Return the quality of measured optics as part of a calibration file."""
     return OpticsQualityPart(
         board=board.name,
         pictures=fit.images,
@@ -135,7 +134,6 @@ def _quality(fit: OpticsFit, board: Board) -> OpticsQualityPart:
 
 
 def _mount(pose: Pose) -> MountPart:
-    """Return the measured mount as part of a calibration file."""
     forward, right, down = (round(value, 5) for value in pose.position_ned_m)
     roll, pitch, yaw = (round(math.degrees(angle), 4) for angle in euler_from_quat(pose.q_wxyz))
     return MountPart(

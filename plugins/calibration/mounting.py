@@ -104,7 +104,6 @@ def _latencies() -> Points:
 
 
 def _check_fit(found: Any, problem: "_Problem", images: int) -> MountingFit:
-    """Raise CalibrationError for a poor fit of the mounting."""
     plain = problem.residuals(found.x)
     rms_px = float(np.sqrt(2.0 * np.mean(np.square(plain))))
     if not rms_px < _POOR_PX:
@@ -293,7 +292,6 @@ def _turn(vector: Points) -> Points:
 
 
 def _parameters_of(transform: Transform) -> Points:
-    """Return a transform as the mounting fit's six parameters."""
     return np.concatenate((transform[1], _logs(transform[0][None])[0]))
 
 

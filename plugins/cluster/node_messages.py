@@ -250,8 +250,6 @@ def _attach_sources(ordered: RunOrdered) -> RunOrdered:
 
 
 def _map_sources(order: RunOrder, change: Callable[[Source], Source]) -> RunOrder:
-    """Return an order with the source of every place in its documents changed."""
-
     def of_place(place: Place) -> Place:
         return replace(place, source=change(place.source))
 

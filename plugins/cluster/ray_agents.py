@@ -139,7 +139,6 @@ class Hire:
         return HiredAgent(ray=self._ray, actor=self._actor, node=facts["node"])
 
     def _first_messages(self) -> list[bytes]:
-        """Return the first messages of the agent's node. Raises NodeRefusedError."""
         try:
             messages: list[bytes] = self.future.result()
         except self._ray.exceptions.RayError as error:
@@ -222,6 +221,5 @@ def no_place_text(count: int, cores: int) -> str:
 
 
 def _last_line(error: Exception) -> str:
-    """Return the last line of Ray's error, which says what happened."""
     text = str(error).strip()
     return text.splitlines()[-1] if text else repr(error)

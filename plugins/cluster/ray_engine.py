@@ -289,7 +289,6 @@ class RayWorkers:
 
 
 async def _is_set(event: asyncio.Event, limit_s: float) -> bool:
-    """Return whether an event is set within a time."""
     with suppress(TimeoutError):
         async with asyncio.timeout(limit_s):
             await event.wait()

@@ -125,7 +125,6 @@ class RayWorker:
         return self._end_text
 
     def _fetch(self, ended: RunEnded) -> "asyncio.Future[RunResult | WorkerLost]":
-        """Return the future outcome of a run that ended on its node."""
         self._end_text = ended.end_text
         order = self._order
         if order is None:

@@ -39,7 +39,6 @@ class _Received(Generic[Content]):
 
     @classmethod
     def now(cls, content: Content) -> "_Received[Content]":
-        """Return what is received now."""
         return cls(content, time.time(), time.monotonic())
 
     @property

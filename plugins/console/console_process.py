@@ -168,7 +168,6 @@ async def _poll(hub: ConsoleHub, poller: CampaignPoller) -> None:
 async def _site(
     server: ConsoleServer, end: socket.socket, tls: ssl.SSLContext | None
 ) -> AsyncIterator[None]:
-    """Serve the console's application on a socket."""
     runner = web.AppRunner(server.application(), access_log=None, shutdown_timeout=_CLOSE_S)
     await runner.setup()
     try:
@@ -181,7 +180,6 @@ async def _site(
 
 @contextmanager
 def _listening(address: ConsoleAddress) -> Iterator[socket.socket]:
-    """Listen at an address. Raises ConsoleError."""
     try:
         family, _, _, _, place = socket.getaddrinfo(
             address.host, address.port, type=socket.SOCK_STREAM
@@ -198,7 +196,6 @@ def _listening(address: ConsoleAddress) -> Iterator[socket.socket]:
 
 
 def _tls(settings: ConsoleSettings) -> ssl.SSLContext | None:
-    """Return the TLS context of a console. Raises ConsoleError."""
     if settings.tls is None:
         return None
     certificate, key = settings.tls

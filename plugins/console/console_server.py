@@ -210,7 +210,6 @@ class ConsoleServer:
 
 
 def _page_files(folder: Traversable, beneath: str = "") -> Iterator[tuple[str, bytes]]:
-    """Yield the files of the page with their paths, recursively."""
     for one in folder.iterdir():
         if one.is_dir():
             yield from _page_files(one, f"{beneath}{one.name}/")
@@ -219,7 +218,6 @@ def _page_files(folder: Traversable, beneath: str = "") -> Iterator[tuple[str, b
 
 
 async def _json_of(request: web.Request) -> dict[str, Any]:
-    """Return the JSON object in a request. Raises AccessError."""
     if request.content_type != "application/json":
         raise AccessError("the content type of a request must be application/json")
     document = parse_body(await request.read())

@@ -42,5 +42,4 @@ def check_fence(text: str, views: Iterable[RunView]) -> None:
 
 
 def _fences(view: RunView) -> dict[str, Fence]:
-    """Return the present fences of a run's vehicles."""
     return {name: fence_of_plain(plain) for name, plain in view.fences.items()}

@@ -95,7 +95,6 @@ def message_name(injected: Injected, mount: Pose | None) -> InjectionKind:
 async def _read_parameters(
     context: VehicleContext, autopilot: AutopilotName, thing: InjectionKind
 ) -> InjectionProof:
-    """Return the autopilot's parameters on which an injection depends."""
     parameters: dict[str, float] = {}
     for name in parameters_to_read(autopilot, thing):
         try:

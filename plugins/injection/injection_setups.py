@@ -62,7 +62,6 @@ _POSES = frozenset({"vision_position_estimate", "odometry"})
 def _injection(
     files: CaseFiles, setup: Setup, mode: Mode, injection: InjectionSetup
 ) -> Iterator[Problem]:
-    """Yield the problems of an injection into the autopilots in a mode."""
     path: Path = ("inject", injection.thing)
     for name in FLIES[mode]:
         if name not in injection.to:

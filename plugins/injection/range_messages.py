@@ -104,7 +104,6 @@ def milliseconds(t_s: float) -> int:
 
 
 def _centimetres(distance_m: float) -> int:
-    """Return a range in centimetres within what its message can hold."""
     return min(LONGEST_CM, max(0, round(distance_m * 100.0)))
 
 

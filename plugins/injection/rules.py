@@ -133,7 +133,6 @@ class Needs:
         )
 
     def _is_fulfilled_by(self, value: float) -> bool:
-        """Return whether a parameter's value fulfils the rule."""
         if self.bits:
             return round(value) & self.bits == self.bits
         if self.above is not None:

@@ -72,7 +72,6 @@ def course_of(flight: LoggedFlight) -> Course | None:
 
 
 def _armed_spans(flight: LoggedFlight) -> Iterator[tuple[float, float]]:
-    """Yield from when to when the vehicle was armed."""
     since: float | None = None
     for t_s, armed in flight.armed:
         if armed and since is None:
@@ -110,7 +109,6 @@ def _from(start: TrackPoint, one: TrackPoint) -> TrackPoint:
 
 
 def _end_of_takeoff(points: Sequence[TrackPoint]) -> int:
-    """Return the index at which the takeoff ended."""
     first = points[0]
     for index, one in enumerate(points):
         if math.hypot(one.north_m - first.north_m, one.east_m - first.east_m) > _ASIDE_M:

@@ -60,7 +60,6 @@ class _Vehicle:
         self.is_any = False
 
     def take(self, message: Any) -> None:
-        """Take one message."""
         self.is_any = True
         stamp = getattr(message, "TimeUS", None)
         t_s = float(message._timestamp) if stamp is None else float(stamp) * 1e-6  # noqa: SLF001 - its only access
@@ -73,7 +72,6 @@ class _Vehicle:
             self._track.yaw(t_s, math.radians(message.Yaw))
 
     def place(self, t_s: float, message: Any) -> None:
-        """Take a place on Earth."""
         self._track.place(t_s, message.Lat, message.Lng, message.Alt)
 
     def origin(self, _t_s: float, message: Any) -> None:
@@ -82,7 +80,6 @@ class _Vehicle:
             self._track.set_origin(message.Lat, message.Lng, message.Alt)
 
     def attitude(self, t_s: float, message: Any) -> None:
-        """Take a heading."""
         self._track.yaw(t_s, math.radians(message.Yaw))
 
     def text(self, _t_s: float, message: Any) -> None:
@@ -90,7 +87,6 @@ class _Vehicle:
         self._texts.append(str(message.Message))
 
     def parameter(self, _t_s: float, message: Any) -> None:
-        """Take a parameter."""
         self._parameters[str(message.Name)] = float(message.Value)
 
     def event(self, t_s: float, message: Any) -> None:
@@ -99,7 +95,6 @@ class _Vehicle:
             self._arm(t_s, armed=message.Id == _ARMED)
 
     def arming(self, t_s: float, message: Any) -> None:
-        """Take the state of arming."""
         self._arm(t_s, armed=bool(message.ArmState))
 
     def battery(self, t_s: float, message: Any) -> None:
@@ -114,7 +109,6 @@ class _Vehicle:
             self._armed.append((t_s, armed))
 
     def flight(self, *, is_damaged: bool) -> LoggedFlight:
-        """Return the flight."""
         named = next((match for text in self._texts if (match := _VERSION.search(text))), None)
         frame = next((match[1] for text in self._texts if (match := _FRAME.search(text))), "")
         by_class = _CLASSES.get(int(self._parameters.get("FRAME_CLASS", 0)), "")

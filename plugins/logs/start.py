@@ -52,7 +52,6 @@ def files_from_log(log: Path, name: str, *, profile: bool) -> dict[str, str]:
 def _campaign(
     flight: LoggedFlight, course: Course | None, *, name: str, log: Path, profile: bool
 ) -> str:
-    """Return the campaign file."""
     autopilot = flight.autopilot or "px4"
     yaw = 0.0 if course is None or course.yaw_rad is None else math.degrees(course.yaw_rad)
     lines = [
@@ -88,7 +87,6 @@ def _campaign(
 
 
 def _facts(flight: LoggedFlight, course: Course | None, log: Path) -> Iterator[str]:
-    """Yield comments of what the log tells, and of what it does not."""
     yield f"# From {printable(str(log))}: {flight.kind}."
     vehicle = flight.vehicle_type or "unknown; only multicopters are flown"
     yield f"# vehicle: {printable(vehicle)}"
@@ -158,7 +156,6 @@ def _position(north_m: float, east_m: float, up_m: float) -> str:
 
 
 def _limits(course: Course | None) -> Iterator[str]:
-    """Yield the fence and the oracles."""
     box = ((-5, 5), (-5, 5), (-2, 8)) if course is None else course.box
     sides = zip(("north_m", "east_m", "up_m"), box, strict=True)
     text = ", ".join(f"{key}: [{low:g}, {high:g}]" for key, (low, high) in sides)

@@ -107,7 +107,6 @@ class _Vehicle:
         self._power: list[PowerSample] = []
 
     def take(self, t_s: float, message: Any) -> None:
-        """Take one message."""
         _TAKEN[message.get_msgId()](self, t_s, message)
 
     def heartbeat(self, t_s: float, message: Any) -> None:
@@ -120,7 +119,6 @@ class _Vehicle:
             self._armed.append((t_s, armed))
 
     def version(self, _t_s: float, message: Any) -> None:
-        """Take the firmware's version."""
         self._version = message
 
     def local(self, t_s: float, message: Any) -> None:
@@ -128,7 +126,6 @@ class _Vehicle:
         self._track.local(t_s, message.x, message.y, message.z)
 
     def place(self, t_s: float, message: Any) -> None:
-        """Take a place on Earth."""
         degrees = (message.lat * 1e-7, message.lon * 1e-7)
         self._track.place(t_s, *degrees, message.alt * 1e-3)
 
@@ -138,7 +135,6 @@ class _Vehicle:
         self._track.set_origin(*degrees, message.altitude * 1e-3)
 
     def attitude(self, t_s: float, message: Any) -> None:
-        """Take a heading."""
         self._track.yaw(t_s, message.yaw)
 
     def parameter(self, _t_s: float, message: Any) -> None:
@@ -153,7 +149,6 @@ class _Vehicle:
             self._power.append(PowerSample(t_s, message.voltage_battery * 1e-3, amperes))
 
     def flight(self, problems: tuple[str, ...]) -> LoggedFlight:
-        """Return the flight."""
         beat = self._heartbeat
         autopilot = None if beat is None else autopilot_of(beat.autopilot)
         kind = "" if beat is None else enum_name("MAV_TYPE", beat.type)

@@ -120,7 +120,7 @@ class MavsdkLibrary:
                 return Outcome()
             case Download():
                 with self._transfers["missions"]:
-                    return Outcome(items=tuple(map(_item, self._download(order.which))))
+                    return Outcome(items=tuple(map(MissionItem.of, self._download(order.which))))
             case ListLogs():
                 with self._transfers["logs"]:
                     return Outcome(logs=self._list())
@@ -189,7 +189,6 @@ class MavsdkLibrary:
 
 
 def _raw(number: int, item: MissionItem, which: ItemList) -> RawItem:
-    """Return a mission item as mavsdk's RawItem."""
     first, second, third, fourth = item.params
     return RawItem(
         seq=number,
@@ -209,19 +208,6 @@ def _raw(number: int, item: MissionItem, which: ItemList) -> RawItem:
     )
 
 
-def _item(raw: Any) -> MissionItem:
-    """Return mavsdk's RawItem as a mission item."""
-    return MissionItem(
-        command=raw.command,
-        frame=raw.frame,
-        params=(raw.param1, raw.param2, raw.param3, raw.param4),
-        x=raw.x,
-        y=raw.y,
-        z=raw.z,
-        autocontinue=bool(raw.autocontinue),
-    )
-
-
 def _utc_s(date: str) -> int | None:
     """Return a mavsdk log's start; None when the vehicle did not know the time (the epoch)."""
     try:
@@ -231,5 +217,4 @@ def _utc_s(date: str) -> int | None:
 
 
 def _name(result: object) -> str:
-    """Return the name of a mavsdk result."""
     return result.name if isinstance(result, IntEnum) else str(result)

@@ -82,7 +82,6 @@ class MessageThread:
                 self._replies.send(Alive(self._late))
 
     def _send(self, message: SendMessage) -> None:
-        """Send a message by mavsdk, unless it is stale."""
         if time.monotonic() - message.at_s > STALE_S:
             self._late += 1
             return

@@ -16,7 +16,6 @@ def fields_json(message: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return a message field's value as JSON can hold it."""
     if isinstance(value, float):
         return None if math.isnan(value) else value
     if isinstance(value, bytes):

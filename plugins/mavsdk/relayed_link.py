@@ -5,7 +5,6 @@ writes it in its own threads, without Python.
 """
 
 import asyncio
-from types import TracebackType
 from typing import Self, cast
 
 from wil_campaign.plugins.mavsdk.mavsdk_client import MavsdkClient
@@ -59,17 +58,12 @@ class RelayedLink(asyncio.DatagramProtocol):
             raise
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         """End mavsdk and close the relayed link."""
         try:
             await self._close()
         finally:
-            await self._link.__aexit__(kind, error, trace)
+            await self._link.__aexit__(*raised)
 
     async def _open(self) -> None:
         loop = asyncio.get_running_loop()

@@ -146,7 +146,6 @@ class CommandReader:
 
 
 def _object(payload: bytes) -> dict[str, Any]:
-    """Return the JSON object of an MQTT command. Raises RefusedCommandError."""
     if len(payload) > LONGEST_COMMAND_BYTES:
         raise RefusedCommandError(f"longer than {LONGEST_COMMAND_BYTES} bytes")
     try:
@@ -161,12 +160,10 @@ def _object(payload: bytes) -> dict[str, Any]:
 
 
 def _is_time(at_s: Any) -> bool:
-    """Return whether an MQTT command's time is a number."""
     return isinstance(at_s, int | float) and not isinstance(at_s, bool)
 
 
 def _is_fresh(at_s: Any, now_s: float) -> bool:
-    """Return whether an MQTT command's time is recent."""
     # These comparisons are false for NaN, and accept integers beyond the range of floats.
     return _is_time(at_s) and now_s - OLDEST_S <= at_s <= now_s + OLDEST_S
 
@@ -178,11 +175,9 @@ def _id(fields: dict[str, Any]) -> str:
 
 
 def _document(fields: dict[str, Any]) -> str:
-    """Return the fence document of an MQTT command as text."""
     given = fields.get("geofence", "")
     return given if isinstance(given, str) else json.dumps(given)
 
 
 def _is_fit(text: str, longest: int) -> bool:
-    """Return whether a text of an MQTT command is short and printable."""
     return len(text) <= longest and text.isprintable()

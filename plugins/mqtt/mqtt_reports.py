@@ -79,13 +79,11 @@ def ack_of(**fields: str | bool) -> Publication:
 
 
 def _guard_report(common: dict[str, Any], news: Happening) -> Publication:
-    """Return the MQTT report of a guard event."""
     body = {**common, "event": news.word, "vehicle": news.vehicle, "text": news.text}
     return _publication("guard", body, important=True)
 
 
 def _progress_fields(news: Progress) -> dict[str, Any]:
-    """Return a run's progress as fields of its MQTT report."""
     return {
         "t_s": round(news.t_s, 3),
         "stage": news.stage,
@@ -97,7 +95,6 @@ def _progress_fields(news: Progress) -> dict[str, Any]:
 
 
 def _vehicle_fields(vehicle: VehicleProgress) -> dict[str, Any]:
-    """Return a vehicle's progress as fields of an MQTT report."""
     place, speed = vehicle.position_ned_m, vehicle.velocity_ned_m_s
     return {
         "armed": vehicle.armed,

@@ -91,7 +91,6 @@ class ContactSheet:
 
 
 def _to_bgr(reading: Reading) -> BgrImage | None:
-    """Return a reading as an image for the contact sheet."""
     if isinstance(reading, CameraReading):
         return reading.image_bgr
     if isinstance(reading, DepthReading):
@@ -118,7 +117,6 @@ def _edge_of(mask: Mask | None) -> tuple[int, int] | None:
 
 
 def _draw_label(tile: _Tile) -> BgrImage:
-    """Return a tile scaled to its width, with its label."""
     height = round(tile.image_bgr.shape[0] * _TILE_PX / tile.image_bgr.shape[1])
     shrunk = tile.image_bgr.shape[1] > _TILE_PX
     how = cv2.INTER_AREA if shrunk else cv2.INTER_NEAREST
@@ -131,7 +129,6 @@ def _draw_label(tile: _Tile) -> BgrImage:
 
 
 def _pad_to(tile: BgrImage, height: int) -> BgrImage:
-    """Return a tile padded to the height of its row."""
     missing = height - tile.shape[0]
     framed: BgrImage = cv2.copyMakeBorder(
         tile, 0, missing, 0, 0, cv2.BORDER_CONSTANT, value=(32, 32, 32)

@@ -203,14 +203,12 @@ class _Inputs:
             self.objects = objects_in(recorded_inputs.facts_of_recording(file))
 
     def reals(self, mixer: Mixer) -> Iterator[Reading]:
-        """Yield the real side's readings from its file for a mixer."""
         side = self._order.real
         if self._kinds[0] == "recording":
             return self._recorded(side.file, "real", mixer.sensor)
         return _image_inputs(side, self._kinds[0] == "image", "real")
 
     def twins(self, mixer: Mixer) -> Twins:
-        """Return the twin's readings from its file for a mixer."""
         side, kind = self._order.twin, self._kinds[1]
         if kind == "recording":
             found = self._recorded(side.file, "twin", mixer.sensor)
@@ -224,7 +222,6 @@ class _Inputs:
         return StreamedTwins(_image_inputs(side, False, "twin"), partial(mixer.offer, "twin"))
 
     def _recorded(self, path: Path, source: Source, sensor: str) -> Iterator[Reading]:
-        """Return a recording's readings of a sensor to mix. Raises OfflineError."""
         file = recorded_inputs.recording_file(path)
         found = recorded_inputs.readings(file, source, sensor, self.lacking.__setitem__)
         first = next(found, None)
@@ -235,7 +232,6 @@ class _Inputs:
 
 
 def _image_inputs(side: SideFiles, one: bool, source: Source) -> Iterator[CameraReading]:
-    """Return the readings of an image or video file to mix, with depth."""
     optics = Optics(side.fov_deg)
     found: Iterator[CameraReading] = (
         iter([image_inputs.image(side.file, source, optics)])

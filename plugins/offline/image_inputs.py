@@ -88,7 +88,6 @@ def stills(file: ImageFile) -> Iterator[RecordedImage]:
 def _reading_of(
     image_bgr: BgrImage, seq: int, t_s: float, side: Source, optics: Optics
 ) -> CameraReading:
-    """Return an image of a file as a camera reading."""
     return CameraReading(
         t_s=t_s,
         arrived_s=t_s,

@@ -103,7 +103,21 @@ class ImageOut:
             write_image(self._path, reading.image_bgr)
 
 
-class VideoOut:
+class _Stacked:
+    """An output that is closed as its stack is."""
+
+    _stack: ExitStack
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
+
+
+class VideoOut(_Stacked):
     """An output of mixed images as a video, at their times."""
 
     def __init__(self, path: Path, *, rate_hz: float) -> None:
@@ -124,16 +138,8 @@ class VideoOut:
         if isinstance(pair.mixed.reading, CameraReading):
             self._video.write(pair.mixed.reading.t_s, pair.mixed.reading.image_bgr)
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._stack.__exit__(kind, error, trace)
 
-
-class RecordingOut:
+class RecordingOut(_Stacked):
     """An output of mixtures as lossless MCAP. epoch_s: UTC of the run clock's zero."""
 
     def __init__(self, path: Path, *, epoch_s: float) -> None:
@@ -158,14 +164,6 @@ class RecordingOut:
         now_s = pair.real.arrived_s if provenance.mixed_s is None else provenance.mixed_s
         self._recorder.mixed(name, pair.mixed.reading, provenance, now_s=now_s)
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._stack.__exit__(kind, error, trace)
-
     def _require_whole(
         self,
         kind: type[BaseException] | None,
@@ -180,7 +178,6 @@ class RecordingOut:
 
 
 def _why_incomplete(report: RecordingReport) -> str:
-    """Return what an MCAP output lacks, and why."""
     if report.fault is not None:
         return report.fault
     lost = ", ".join(f"{one.lost} of {one.offered} of {one.topic}" for one in report.losses)

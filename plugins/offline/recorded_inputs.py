@@ -56,7 +56,6 @@ def facts_of_recording(path: Path) -> Mapping[str, str]:
 
 @contextmanager
 def _offline_errors(path: Path) -> Iterator[None]:
-    """Raise the errors of reading a recording as OfflineError."""
     try:
         yield
     except RecordingError as error:

@@ -111,7 +111,6 @@ def replay(
 
 
 def _recorded_recipe(file: Path, facts: Mapping[str, str], *, trusted: bool) -> Recipe:
-    """Return the recipe in a recording. Raises OfflineError for code that is not trusted."""
     if not facts:
         raise OfflineError(
             f"{file}: has no facts of a run, as a recording that is empty or cut at its beginning; "
@@ -147,7 +146,6 @@ class _Replay:
         self._without: Counter[str] = Counter()
 
     def reading(self, item: RecordedReading) -> None:
-        """Take a recorded reading for the replay."""
         reading = item.reading
         if reading.source == "mixed":
             self._recorded[item.sensor] = (reading, item.exact)

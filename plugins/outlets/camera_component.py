@@ -216,7 +216,6 @@ _ACCEPTED = frozenset({mavlink.MAV_CMD_VIDEO_START_STREAMING})
 
 
 def _heartbeat() -> Any:
-    """Return the camera component's HEARTBEAT."""
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_CAMERA,
         mavlink.MAV_AUTOPILOT_INVALID,

@@ -28,13 +28,13 @@ _ONLY_FOR = {
 class DeliverPart(Part):
     """An image delivery: `rtp: HOST:PORT`, `zmq: tcp://HOST:PORT` or `v4l2: /dev/videoN`.
 
-    sensor: the camera; optional where there is only one. of: the image that a vehicle perceives
-    (mixed, in mode wil), or the unmixed one of real or twin. vehicle: whose perception; by default
-    that of the judged one. rtp: send H.264 by RTP to this HOST:PORT; the port is even. zmq: publish
-    by ZeroMQ at this address to bind. v4l2: write to this video loopback device. encoding: how zmq
-    encodes the images. topic: the topic under which zmq publishes the images. key_interval_s:
-    longest time between two key frames of rtp. max_bit_rate: the highest bit rate of rtp, in bits
-    per second; by default not limited.
+    sensor: the camera, or of zmq any sensor; optional where there is only one camera. of: what a
+    vehicle perceives (mixed, in mode wil), or the unmixed reading of real or twin. vehicle: whose
+    perception; by default that of the judged one. rtp: send H.264 by RTP to this HOST:PORT; the
+    port is even. zmq: publish by ZeroMQ at this address to bind; port * is a free one. v4l2: write
+    to this video loopback device. encoding: how zmq encodes the images. topic: the topic under
+    which zmq publishes. key_interval_s: longest time between two key frames of rtp. max_bit_rate:
+    the highest bit rate of rtp, in bits per second; by default not limited.
     """
 
     rtp: str | None = None
@@ -105,7 +105,7 @@ def ground_station_link(link: str) -> str:
 
 def deliver_field() -> tuple[Any, Any]:
     """Return the type and the field of the key `deliver`."""
-    summary = "Outlets for images, other than the autonomy."
+    summary = "Outlets for images and other readings, beside the autonomy."
     return list[DeliverPart], Field(default_factory=list, description=summary)
 
 

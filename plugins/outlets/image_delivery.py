@@ -1,10 +1,9 @@
 """The protocol of all image deliveries, with its counts and its error."""
 
 from dataclasses import dataclass
-from typing import Protocol, Self, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 from wil_campaign.vehicles.errors import VehicleError
-from wil_campaign.vehicles.readings import CameraReading
 
 
 class DeliveryError(VehicleError):
@@ -46,8 +45,8 @@ class Delivery(Protocol):
     def trouble(self) -> str:
         """Return why the last image failed to be delivered; empty when none has."""
 
-    def deliver(self, reading: CameraReading) -> None:
-        """Deliver an image reading soon, without blocking."""
+    def deliver(self, reading: Any, /) -> None:
+        """Deliver a reading, of a type that its sink takes, soon and without blocking."""
 
     async def __aenter__(self) -> Self:
         """Open the image delivery. Raises DeliveryError."""

@@ -1,5 +1,6 @@
-"""Image outlets of a run: RTP, ZeroMQ and loopback devices."""
+"""Outlets of a run: images by RTP, ZeroMQ and loopback devices, other readings by ZeroMQ."""
 
+import json
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
@@ -16,12 +17,14 @@ from wil_campaign.plugins.outlets.rtp import rtp_delivery
 from wil_campaign.plugins.outlets.sdp import RtpAddress
 from wil_campaign.plugins.outlets.v4l2 import v4l2_delivery
 from wil_campaign.plugins.outlets.zmq_images import ZmqDelivery
-from wil_campaign.vehicles.readings import CameraReading, Reading
+from wil_campaign.vehicles.readings import Reading
+
+_MOST_WAITING = 128
 
 
 @dataclass(frozen=True, slots=True)
 class Outlet:
-    """An image outlet: a delivery, and which vehicle's camera it shows, perceived or raw."""
+    """An outlet: a delivery, and which vehicle's sensor it sends, perceived or raw."""
 
     delivery: Delivery
     sensor: str
@@ -41,21 +44,33 @@ class Outlets(Observer):
             await stack.enter_async_context(outlet.delivery)
 
     def perceived(self, reading: Reading, by: tuple[str, ...]) -> None:
-        """Deliver an image that vehicles perceive to its outlets."""
-        if not isinstance(reading, CameraReading):
-            return
+        """Deliver a reading that vehicles perceive to its outlets."""
         for outlet in self._outlets:
             if outlet.perceived and outlet.sensor == reading.sensor and outlet.vehicle in by:
                 outlet.delivery.deliver(reading)
 
     def untouched(self, reading: Reading) -> None:
-        """Deliver an image as the camera took it to its outlets."""
-        if not isinstance(reading, CameraReading):
-            return
+        """Deliver a reading as its sensor made it to its outlets."""
         taken = (reading.sensor, reading.source)
         for outlet in self._outlets:
             if not outlet.perceived and (outlet.sensor, outlet.vehicle) == taken:
                 outlet.delivery.deliver(reading)
+
+    @property
+    def environment(self) -> Mapping[str, str]:
+        """Return WIL_ZMQ: a list in JSON of the ZeroMQ outlets, and where each is subscribed to."""
+        published = [
+            {
+                "sensor": one.sensor,
+                "of": "perceived" if one.perceived else one.vehicle,
+                "vehicle": one.vehicle,
+                "address": one.delivery.endpoint,
+                "topic": one.delivery.topic,
+            }
+            for one in self._outlets
+            if isinstance(one.delivery, ZmqDelivery)
+        ]
+        return {"WIL_ZMQ": json.dumps(published)} if published else {}
 
     @property
     def result(self) -> ExternalResult:
@@ -69,12 +84,14 @@ def observe(setup: RunSetup, given: DeliverySetups, _events: Mapping[str, float]
 
 
 def _outlets(setup: RunSetup, given: DeliverySetups) -> Iterator[Outlet]:
-    """Yield the image outlets of the vehicles that a run has."""
     there = {vehicle.name: vehicle for vehicle in setup.with_sensors}
     for outlet in given.outlets:
         perceived = outlet.of == "perceived"
         name = (outlet.vehicle or setup.subject) if perceived else outlet.of
         if name not in there:
+            continue
+        if outlet.sensor not in {camera.name for camera in there[name].cameras}:
+            yield Outlet(_reading_delivery(outlet), outlet.sensor, name, perceived)
             continue
         cameras = {camera.name: camera for camera in there[name].cameras}
         if perceived:
@@ -84,6 +101,11 @@ def _outlets(setup: RunSetup, given: DeliverySetups) -> Iterator[Outlet]:
         sdp = setup.order.folder / f"{outlet.sensor}-{outlet.of}.sdp"
         delivery = image_delivery(outlet, camera, sdp_path=sdp)
         yield Outlet(delivery, outlet.sensor, name, perceived)
+
+
+def _reading_delivery(outlet: ImageOutlet) -> Delivery:
+    """Return the delivery of a sensor that is no camera: some of them send hundreds a second."""
+    return ZmqDelivery(address=outlet.address, topic=outlet.topic, depth=_MOST_WAITING)
 
 
 def image_delivery(outlet: ImageOutlet, camera: CameraSetup, *, sdp_path: Path | None) -> Delivery:
@@ -111,7 +133,6 @@ def image_delivery(outlet: ImageOutlet, camera: CameraSetup, *, sdp_path: Path |
 
 
 def _result(delivery: Delivery) -> OutletResult:
-    """Return the result of one image outlet."""
     counts = delivery.counts
     return OutletResult(
         name=delivery.name,

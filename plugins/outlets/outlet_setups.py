@@ -13,7 +13,7 @@ from wil_campaign.worlds.files.documents import Path, Problem, closest
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImageOutlet:
-    """An external outlet for the images of one camera.
+    """An external outlet for the images of one camera, or by zmq for the readings of any sensor.
 
     of: the image that a vehicle perceives, or the unmixed one of a vehicle. vehicle: whose; None:
     the judged one's. address: HOST:PORT, an endpoint to bind, or a device.
@@ -46,6 +46,8 @@ class DeliverySetups(ObserverSetup):
         seen: dict[str, int] = {}
         for index, outlet in enumerate(self.outlets):
             yield from _outlet(files, setup, mode, index, outlet)
+            if outlet.address.endswith(":*"):
+                continue  # a free port each
             first = seen.setdefault(outlet.name, index)
             if first != index:
                 message = f"{outlet.name} is already used by delivery {first + 1}"
@@ -77,13 +79,21 @@ def _outlet(
     if wanted not in FLIES[mode]:
         return  # this vehicle is not part of this mode
     cameras = [camera.name for camera in setup.vehicles[wanted].cameras]
-    if outlet.sensor not in cameras:
+    sensors = [sensor.name for sensor in setup.vehicles[wanted].sensors]
+    if outlet.sensor in cameras or (outlet.kind == "zmq" and outlet.sensor in sensors):
+        return
+    if outlet.sensor in sensors:
+        message = f"{outlet.kind} delivers images, and '{outlet.sensor}' is no camera; use zmq"
+        yield files.campaign.problem((*path, "sensor"), message)
+    elif outlet.kind == "zmq":
+        message = f"vehicle '{wanted}' has no sensor '{outlet.sensor}'"
+        yield files.campaign.problem((*path, "sensor"), message, closest(outlet.sensor, sensors))
+    else:
         message = f"vehicle '{wanted}' has no camera '{outlet.sensor}'"
         yield files.campaign.problem((*path, "sensor"), message, closest(outlet.sensor, cameras))
 
 
 def _vehicle_of(outlet: ImageOutlet, mode: Mode) -> VehicleName:
-    """Return which vehicle's images an external image outlet delivers in a mode."""
     if outlet.of == "perceived":
         return outlet.vehicle or FLIES[mode][0]
     return outlet.of

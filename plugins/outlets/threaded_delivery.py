@@ -4,10 +4,10 @@ import asyncio
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 from wil_campaign.plugins.outlets.image_delivery import DeliveryCounts, DeliveryError
-from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.vehicles.readings import Reading
 
 _CLOSING_LIMIT_S = 2.0
 
@@ -22,8 +22,8 @@ class Sink(Protocol):
     def open(self) -> None:
         """Open the sink. Raises DeliveryError."""
 
-    def write(self, reading: CameraReading) -> None:
-        """Send one image to the sink. Raises DeliveryError."""
+    def write(self, reading: Any, /) -> None:
+        """Send one reading, of a type that the sink takes. Raises DeliveryError."""
 
     def close(self) -> None:
         """Close the sink; called once, also after a failed `open`."""
@@ -39,7 +39,7 @@ class ThreadedDelivery:
         self.name = sink.name
         self._sink = sink
         self._depth = depth
-        self._waiting: deque[CameraReading] = deque()
+        self._waiting: deque[Reading] = deque()
         self._change = threading.Condition()
         self._closing = self._closed = self._sending = False
         self._offered = self._delivered = self._dropped = self._failed = 0
@@ -56,7 +56,7 @@ class ThreadedDelivery:
         """Return why the last image, or else closing the sink, failed; empty when nothing has."""
         return self._trouble
 
-    def deliver(self, reading: CameraReading) -> None:
+    def deliver(self, reading: Reading) -> None:
         """Queue an image for the thread; the oldest waiting one is dropped if full."""
         with self._change:
             self._offered += 1
@@ -143,14 +143,14 @@ class ThreadedDelivery:
             text = f"{self.name}: cannot be closed: {type(error).__name__}: {error}"
             self._trouble = self._trouble or text
 
-    def _next_reading(self) -> CameraReading | None:
+    def _next_reading(self) -> Reading | None:
         with self._change:
             while not self._waiting and not self._closing:
                 self._change.wait()
             self._sending = bool(self._waiting)
             return self._waiting.popleft() if self._waiting else None
 
-    def _send(self, reading: CameraReading) -> None:
+    def _send(self, reading: Reading) -> None:
         trouble: str | None = None
         try:
             self._sink.write(reading)

@@ -1,11 +1,12 @@
-"""Publishes images by ZeroMQ, with times and poses, in the format of the simulator protocol."""
+"""Publishes readings by ZeroMQ: images as simulators send them, others as sources take them."""
 
 import zmq
 
 from wil_campaign.plugins.outlets.image_delivery import DeliveryError
 from wil_campaign.plugins.outlets.threaded_delivery import ThreadedDelivery
-from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.vehicles.readings import CameraReading, Reading
 from wil_campaign.vehicles.sources.messagepack import pack
+from wil_campaign.vehicles.sources.readings.written_reading import written_reading
 from wil_campaign.vehicles.sources.simulator.image_parts import (
     Buffer,
     encode_depth,
@@ -55,14 +56,20 @@ def published_parts(
 
 
 class ZmqSink:
-    """Publishes images by ZMQ; a Sink. A slow subscriber misses images and blocks nothing."""
+    """Publishes readings by ZMQ; a Sink. A slow subscriber misses some and blocks nothing.
 
-    def __init__(self, *, address: str, topic: str, encoding: str, jpeg_quality: int) -> None:
+    waiting: how many messages may wait for a subscriber.
+    """
+
+    def __init__(
+        self, *, address: str, topic: str, encoding: str, jpeg_quality: int, waiting: int
+    ) -> None:
         self.name = f"zmq+{address}"
         self._address = address
         self._topic = topic
         self._encoding = encoding
         self._jpeg_quality = jpeg_quality
+        self._most_waiting = waiting
         self._context: zmq.Context[zmq.Socket[bytes]] | None = None
         self._socket: zmq.Socket[bytes] | None = None
         self.endpoint = ""
@@ -72,7 +79,7 @@ class ZmqSink:
         """Bind the ZMQ socket. Raises DeliveryError."""
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.PUB)
-        self._socket.setsockopt(zmq.SNDHWM, 4)
+        self._socket.setsockopt(zmq.SNDHWM, self._most_waiting)
         self._socket.setsockopt(zmq.LINGER, 100)
         try:
             self._socket.bind(self._address)
@@ -83,10 +90,13 @@ class ZmqSink:
             ) from error
         self.endpoint = self._socket.getsockopt_string(zmq.LAST_ENDPOINT)
 
-    def write(self, reading: CameraReading) -> None:
-        """Publish one image by ZMQ."""
+    def write(self, reading: Reading) -> None:
+        """Publish one reading by ZMQ."""
         if self._socket is None:
             raise DeliveryError(f"{self.name} is not open")
+        if not isinstance(reading, CameraReading):
+            self._socket.send_multipart([self._topic.encode(), written_reading(reading)])
+            return
         parts = published_parts(
             reading,
             topic=self._topic,
@@ -104,10 +114,11 @@ class ZmqSink:
 
 
 class ZmqDelivery(ThreadedDelivery):
-    """A delivery of images to ZMQ subscribers.
+    """A delivery of readings to ZMQ subscribers.
 
     address: to bind, `tcp://HOST:PORT`, port `*` for any. topic: first part of each message.
-    encoding: `bgr8` (no loss, much data), `png` or `jpeg`.
+    encoding: `bgr8` (no loss, much data), `png` or `jpeg`. depth:
+    how many readings may wait to be sent, and twice as many for a slow subscriber.
     """
 
     def __init__(
@@ -124,8 +135,13 @@ class ZmqDelivery(ThreadedDelivery):
                 f"{address}: unknown encoding {encoding!r}; choose bgr8, png or jpeg"
             )
         self._zmq = ZmqSink(
-            address=address, topic=topic, encoding=encoding, jpeg_quality=jpeg_quality
+            address=address,
+            topic=topic,
+            encoding=encoding,
+            jpeg_quality=jpeg_quality,
+            waiting=2 * depth,
         )
+        self.topic = topic
         super().__init__(sink=self._zmq, depth=depth)
 
     @property

@@ -104,7 +104,6 @@ class _Reader:
         return mapping_node(entries, root.place)
 
     def _sensor(self, element: Element, sensors: dict[str, Entry]) -> None:
-        """Add the sensor that an XML element of the paper declares."""
         kind = _TYPES.get(element.tag.lower().replace("_", ""))
         if kind is None:
             meant = closest(element.tag, [*_TYPES])
@@ -170,7 +169,6 @@ class _Reader:
         return name
 
     def _attributes(self, element: Element, without: tuple[str, ...]) -> dict[str, Entry]:
-        """Return the attributes of an XML element, their values read as YAML."""
         found: dict[str, Entry] = {}
         for key, text in element.attributes.items():
             if key in without:
@@ -189,7 +187,6 @@ class _Reader:
         self._note(element.place, f"unknown tag <{element.tag}>", closest(element.tag, known))
 
     def _note(self, place: Place, message: str, suggestion: str = "") -> None:
-        """Note a problem at a place in the XML recipe."""
         self.problems.append(place.problem(message, suggestion))
 
 

@@ -52,7 +52,6 @@ class _Builder:
         self.parser.StartDoctypeDeclHandler = self._doctype
 
     def _place(self) -> Place:
-        """Return the parser's place in the XML text."""
         column = self.parser.CurrentColumnNumber + 1
         return Place(self._source, self.parser.CurrentLineNumber, column)
 
@@ -68,7 +67,6 @@ class _Builder:
         self._open.append(element)
 
     def _end(self, _tag: str) -> None:
-        """Close an XML element."""
         element = self._open.pop()
         element.text = element.text.strip()
 

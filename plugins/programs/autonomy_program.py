@@ -6,7 +6,6 @@ only.
 """
 
 import json
-import os
 import signal
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -19,9 +18,9 @@ import psutil
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.process_memory import resident_mb
 from wil_campaign.vehicles.processes.child import ChildProcess
+from wil_campaign.vehicles.processes.last_output import last_output
 
 _TERM_GRACE_S = 3.0
-_TAIL_BYTES = 2000
 
 
 class ExternalAutonomyError(VehicleError):
@@ -32,7 +31,7 @@ class ExternalAutonomyError(VehicleError):
 class ProgramExit:
     """The autonomy program's exit. code: None when a signal ended it. signal: its name.
 
-    ended_by_us: it still ran when the run was over. tail: the last lines of its log.
+    ended_by_us: it still ran when the run was over. tail: what it printed last, in a line.
     """
 
     code: int | None
@@ -155,7 +154,6 @@ class ExternalAutonomy:
                 process.kill()
 
     def _processes(self) -> list[psutil.Process]:
-        """Return the program's process, which may be a supervisor, and all below it."""
         if self._child is None or self._child.pid is None:
             return []
         try:
@@ -171,7 +169,7 @@ class ExternalAutonomy:
         return self._make_exit(await self._child.wait(), ended_by_us=False)
 
     def _make_exit(self, returncode: int | None, *, ended_by_us: bool) -> ProgramExit:
-        tail = _tail(self._log_path)
+        tail = last_output(self._log_path)
         if returncode is None or returncode >= 0:
             return ProgramExit(returncode, None, ended_by_us, tail)
         try:
@@ -179,14 +177,3 @@ class ExternalAutonomy:
         except ValueError:
             name = str(-returncode)
         return ProgramExit(None, name, ended_by_us, tail)
-
-
-def _tail(path: Path) -> str:
-    """Return the last lines of the autonomy program's output."""
-    try:
-        with path.open("rb") as stream:
-            stream.seek(0, os.SEEK_END)
-            stream.seek(max(0, stream.tell() - _TAIL_BYTES))
-            return stream.read().decode("utf-8", "replace")
-    except OSError:
-        return ""

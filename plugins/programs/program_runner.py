@@ -191,10 +191,10 @@ class ProgramRunner(ForeignRunner):
         how = ending.result()
         if how.crashed or not self._gate.flying:
             when = "" if how.crashed else ", before it was given the goal"
-            last = "; ".join(how.tail.strip().splitlines()[-3:])
             self._run_state.decide(
                 "FAIL",
-                f"the autonomy of {self.context.name} {how}{when}" + (f": {last}" if last else ""),
+                f"the autonomy of {self.context.name} {how}{when}"
+                + (f": {how.tail}" if how.tail else ""),
                 source=f"autonomy/{self.context.name}",
             )
             return
@@ -204,7 +204,7 @@ class ProgramRunner(ForeignRunner):
 
     def _environment(self, sdp: Path | None) -> dict[str, str]:
         return autonomy_environment(
-            os.environ,
+            {**os.environ, **self._run_state.environment},
             mavlink_url=f"udpout://{_HOST}:{self._udp.local_port}",
             video_url="" if sdp is None else str(sdp.absolute()),
             goal=self._under_test.goal,
@@ -253,7 +253,6 @@ def program_runner(
 
 
 def _video(camera: CameraSetup, sdp: Path) -> ProgramVideo:
-    """Return the video of a camera for the program, by RTP."""
     size = camera.intrinsics
     delivery = rtp_delivery(
         width_px=size.width_px,

@@ -111,6 +111,8 @@ class NodeAutonomy:
         self._is_answered = True
         self.reported_s = float("-inf")
         """Of which time the newest telemetry is that was published."""
+        self.acted_s = float("-inf")
+        """Of which time the telemetry is of the run's newest call of `act`."""
         self.flying = False
         """Whether the run has called `act`: it publishes the telemetry then."""
 
@@ -133,7 +135,7 @@ class NodeAutonomy:
 
     def act(self, telemetry: Telemetry) -> Command:
         """Publish the telemetry; return the node's setpoint. Raises AutonomyFault."""
-        is_first, self.flying = not self.flying, True
+        is_first, self.flying, self.acted_s = not self.flying, True, telemetry.t_s
         if is_first:
             self._used = self._inbox.count()  # what came before the goal flies nothing
             self._fresh_s = telemetry.t_s
@@ -162,11 +164,15 @@ class NodeAutonomy:
     def report(self, telemetry: Telemetry, *, is_answered: bool = True) -> None:
         """Publish the telemetry: clock, transforms, pose, odometry; and what is latched.
 
+        Of one time it is published once: a node may divide by the time between two messages.
         is_answered: whether the node has to answer what the barrier names. Raises AutonomyFault.
         """
         with self._reporting:
             t_s, pose = telemetry.t_s, telemetry.pose
-            self.reported_s, self._is_answered = t_s, is_answered
+            self._is_answered = is_answered
+            if t_s <= self.reported_s:
+                return
+            self.reported_s = t_s
             stamp_ns = self._tick(t_s)
             if t_s - self._latched_s >= _AGAIN_S:
                 self._latched_s = t_s

@@ -153,7 +153,6 @@ class _NodeFlight:
         self._is_ready = False
 
     def environment(self, domain: int) -> dict[str, str]:
-        """Return all environment variables of the node."""
         under_test = self._setup.campaign.under_test
         return {
             "PYTHONUNBUFFERED": "1",
@@ -168,7 +167,6 @@ class _NodeFlight:
 
     @asynccontextmanager
     async def started(self, environment: Mapping[str, str]) -> AsyncIterator[NodeProcess]:
-        """Run the node's process. Raises WireError."""
         async with started_node(
             self._part.argv,
             environment=environment,
@@ -220,7 +218,7 @@ class _NodeFlight:
             tick = max(tick + 1, int((self._loop.time() - t0_s) / period_s))
             await sleep_until(t0_s + tick * period_s)
             telemetry = self._context.telemetry()
-            if telemetry is None or autonomy.reported_s > telemetry.t_s - 0.9 * period_s:
+            if telemetry is None or telemetry.t_s < autonomy.acted_s + 1.9 * period_s:
                 continue
             publish = partial(autonomy.report, telemetry, is_answered=not autonomy.flying)
             try:
@@ -275,7 +273,6 @@ class _NodeFlight:
         return AutonomyFault(f"the autonomy of {self._name} {text}", kind=kind)
 
     def _absence(self, found: OpenNode, missing: frozenset[str]) -> str:
-        """Return in words that the node has not come."""
         wanted = missing or self._topics.names() - _BEYOND_SENSORS
         names = ", ".join(sorted(self._topics.name_of(name) for name in wanted))
         which = "" if missing else "any of "
@@ -310,7 +307,6 @@ class _NodeFlight:
 
 
 def _out_topics(part: Ros2Part, vehicle: FlownVehicle) -> tuple[OutTopic, ...]:
-    """Return the topics that are published for a vehicle's node."""
     setup, name = vehicle.setup, vehicle.context.name
     found = list(OWN)
     for sensor in setup.vehicle(name).sensors:
@@ -326,7 +322,6 @@ def _out_topics(part: Ros2Part, vehicle: FlownVehicle) -> tuple[OutTopic, ...]:
 
 
 def _in_topics(part: Ros2Part) -> dict[str, InTopic]:
-    """Return the topics of the node, by the names that it has for them."""
     ours = {**SETPOINTS, **WORDS}
     named = ((part.topics.get(name, name), name, kind) for name, kind in ours.items())
     return {to: InTopic(name, kind) for to, name, kind in named if to is not None}
@@ -339,7 +334,6 @@ def _exit_text(node: NodeProcess) -> str:
 
 
 def _in_results(inbox: SetpointInbox) -> tuple[TopicResult, ...]:
-    """Return the results of the topics on which the node published anything."""
     return tuple(
         TopicResult(name, one.type, "in", one.received, one.used, one.trouble)
         for name, one in inbox.topics.items()

@@ -8,12 +8,11 @@ from pathlib import Path
 
 from wil_campaign.plugins.ros2.wire import WireError
 from wil_campaign.vehicles.processes.child import ChildProcess, how_it_ended
+from wil_campaign.vehicles.processes.last_output import last_output
 from wil_campaign.vehicles.processes.supervisor import supervised
 
 _GRACE_S = 3.0
 _SUPERVISOR_GRACE_S = 2.0
-_TAIL_BYTES = 2000
-_TAIL_LINES = 6
 _LOOK_S = 0.001
 
 
@@ -51,16 +50,8 @@ class NodeProcess:
         return f"{how_it_ended(self.exit_code)} by itself" if self.has_ended else "runs"
 
     def last_lines(self) -> str:
-        """Return the last lines that the node printed, in one; "" for none."""
-        try:
-            with self._log.open("rb") as stream:
-                stream.seek(0, os.SEEK_END)
-                stream.seek(max(0, stream.tell() - _TAIL_BYTES))
-                text = stream.read().decode("utf-8", "replace")
-        except OSError:
-            return ""
-        lines = (" ".join(line.split()) for line in text.splitlines())
-        return " | ".join([line for line in lines if line][-_TAIL_LINES:])
+        """Return what the node printed last, in one line; "" for nothing."""
+        return last_output(self._log)
 
 
 @asynccontextmanager

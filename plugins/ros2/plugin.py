@@ -1,6 +1,6 @@
 """What the plugin ros2 adds."""
 
-from wil_campaign.hooks import AutonomyKind, Command, implements
+from wil_campaign.hooks import AutonomyKind, Command, StarterOption, implements
 
 
 @implements
@@ -26,5 +26,17 @@ def commands() -> tuple[Command, ...]:
             "export",
             "wil_campaign.plugins.ros2.bags.export_command:export",
             "Write a recorded run as a bag of ROS 2.",
+        ),
+    )
+
+
+@implements
+def starter_options() -> tuple[StarterOption, ...]:
+    """Return the option of `init` for a campaign with a node."""
+    return (
+        StarterOption(
+            "ros2",
+            "wil_campaign.plugins.ros2.starter:node_files",
+            "Write a campaign whose autonomy is a ROS 2 node, with such a node.",
         ),
     )

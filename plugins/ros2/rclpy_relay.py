@@ -33,6 +33,8 @@ class Relay:
         self._sending = threading.Lock()
         self._publishers: dict[int, Any] = {}
         self._listened: dict[int, str] = {}
+        self._latest: dict[int, bytes] = {}
+        """What was published last on topics that a service tells."""
         self._subscriptions: list[Any] = []
         self._sent_graph = ""
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
@@ -68,10 +70,45 @@ class Relay:
             return
 
     def _publish(self, index: int, data: bytes) -> None:
+        if index in self._latest:
+            self._latest[index] = data
         if (publisher := self._publishers.get(index)) is not None:
             publisher.publish(data)
 
+    def _serve(self, kind: bytes, index: int, name: str) -> None:
+        """Offer a topic as a service, too: it tells the newest text, or sends one.
+
+        Raises ImportError where this ROS has no std_srvs.
+        """
+        from rclpy.serialization import deserialize_message, serialize_message  # noqa: PLC0415
+        from std_msgs.msg import String  # noqa: PLC0415
+        from std_srvs.srv import Trigger  # noqa: PLC0415
+
+        def tell(_request: Any, response: Any) -> Any:
+            data = self._latest[index]
+            response.success = bool(data)
+            response.message = deserialize_message(data, String).data if data else ""
+            return response
+
+        def send(_request: Any, response: Any) -> Any:
+            self._send(MESSAGE, index, serialize_message(String(data=f"by the service {name}")))
+            response.success = True
+            return response
+
+        if kind == ADVERTISE:
+            self._latest[index] = b""
+        self._node.create_service(Trigger, name, tell if kind == ADVERTISE else send)
+
     def _open(self, kind: bytes, index: int, topic: dict[str, str]) -> None:
+        """Open a topic, and its service where it is to have one."""
+        self._open_topic(kind, index, topic)
+        if topic.get("service"):
+            try:
+                self._serve(kind, index, topic["name"])
+            except ImportError as error:
+                sys.stderr.write(f"{topic['name']} is no service: {error}\n")
+
+    def _open_topic(self, kind: bytes, index: int, topic: dict[str, str]) -> None:
         try:
             cls, quality = _class_of(topic["type"]), _quality(topic["quality"])
         except (ImportError, AttributeError) as error:
@@ -92,9 +129,9 @@ class Relay:
         )
 
     def _tell_graph(self) -> None:
-        """Send who subscribes and publishes, where that has changed."""
+        """Send who subscribes and publishes, where that has changed; a service subscribes, too."""
         subscribed = {
-            str(index): one.get_subscription_count()
+            str(index): one.get_subscription_count() + (index in self._latest)
             for index, one in list(self._publishers.items())
         }
         publishers = {

@@ -12,7 +12,7 @@ from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from wil_campaign.plugins.ros2.messages.topics import OutTopic
+from wil_campaign.plugins.ros2.messages.topics import ABORT, DONE, GOAL, OutTopic
 from wil_campaign.plugins.ros2.node_process import NodeProcess, started_node
 from wil_campaign.plugins.ros2.wire import InMessage, Take, WireError
 
@@ -45,6 +45,8 @@ class RclpyWire:
     def advertise(self, topic: OutTopic, name: str) -> None:
         """Offer a topic under a name."""
         fields = {"name": name, "type": topic.type, "quality": topic.quality}
+        if topic.name == GOAL:
+            fields["service"] = GOAL
         index = self._indices[name] = len(self._indices)
         self._send(ADVERTISE, index, json.dumps(fields).encode())
 
@@ -54,6 +56,8 @@ class RclpyWire:
         self._listened[index] = (name, take)
         self._types[index] = type_
         fields = {"name": name, "type": type_, "quality": "any"}
+        if name in {ABORT, DONE}:
+            fields["service"] = name
         self._send(LISTEN, index, json.dumps(fields).encode())
 
     def is_subscribed(self, name: str) -> bool:

@@ -1,6 +1,8 @@
 """An autonomy that is a ROS 2 node: what a campaign says of it, and its checks."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,7 @@ from pydantic import Field
 from wil_campaign.campaigns.setup.autonomy_under_test import ForeignAutonomy
 from wil_campaign.plugins.ros2.ros2_part import Ros2Part
 from wil_campaign.worlds.files.documents import Document, Problem
+from wil_campaign.worlds.files.problems import closest
 
 _SUMMARY = "Instead, a ROS 2 node."
 
@@ -49,6 +52,39 @@ class Ros2Autonomy(ForeignAutonomy):
         return self.part.domain is not None
 
     def problems(self, campaign: Document, folder: Path) -> list[Problem]:
-        """Return a program or file that is missing, and a wire that is not installed."""
+        """Return a program or file that is missing, a wire that is not installed, no topics."""
         faults = self.part.faults(folder)
-        return [campaign.problem(("autonomy", self.kind, *one.path), str(one)) for one in faults]
+        found = [campaign.problem(("autonomy", self.kind, *one.path), str(one)) for one in faults]
+        # The topics' types are those of rosbags, without which a problem says so.
+        return found if find_spec("rosbags") is None else found + list(self._unknown(campaign))
+
+    def _unknown(self, campaign: Document) -> Iterator[Problem]:
+        """Yield topics of `needs` and `barrier` on which no vehicle's sensor has anything."""
+        from wil_campaign.plugins.ros2.messages.topics import OWN  # noqa: PLC0415 - of an extra
+
+        ours = {one.name for one in OWN} | set(_topics_of_sensors(campaign, self.part))
+        known = {name for name in ours if self.part.topics.get(name, name) is not None}
+        known |= {self.part.topics[name] or "" for name in known & set(self.part.topics)}
+        barrier = [] if self.part.barrier is None else self.part.barrier.topics
+        lists = (("needs",), self.part.needs), (("barrier", "topics"), barrier)
+        named = [((*key, at), one) for key, topics in lists for at, one in enumerate(topics)]
+        for path, topic in named:
+            if topic not in known:
+                message = f"nothing is published on '{topic}'"
+                where = ("autonomy", self.kind, *path)
+                yield campaign.problem(where, message, closest(topic, known))
+
+
+def _topics_of_sensors(campaign: Document, part: Ros2Part) -> Iterator[str]:
+    """Yield the topics of the vehicles' sensors, mixed and as they were before."""
+    from wil_campaign.plugins.ros2.messages.reading_messages import word_of  # noqa: PLC0415
+    from wil_campaign.plugins.ros2.messages.topics import sensor_topics  # noqa: PLC0415
+
+    vehicles = campaign.get(("vehicles",))
+    for vehicle in vehicles.values() if isinstance(vehicles, dict) else ():
+        sensors = vehicle.get("sensors") if isinstance(vehicle, dict) else None
+        for name, sensor in sensors.items() if isinstance(sensors, dict) else ():
+            kind = str(sensor.get("type")) if isinstance(sensor, dict) else ""
+            for path in ("", "real/", "twin/"):
+                topics = sensor_topics(path + word_of(str(name)), kind, compressed=part.compressed)
+                yield from (one.name for one in topics)

@@ -20,7 +20,6 @@ INSTALL = "pip install 'wil-campaign[ros2]'"
 
 
 def _is_topic(name: str) -> str:
-    """Refuse what is no absolute name of a topic."""
     if not _TOPIC.fullmatch(name):
         raise ValueError(
             f"'{name}' is no topic: begin with / and use letters, digits and _ between slashes"
@@ -121,6 +120,10 @@ class Ros2Part(Part):
             yield KeyFaultError(path, f"there is no program '{program}'{remedy}")
         elif not os.access(found, os.X_OK):
             yield KeyFaultError(path, f"'{program}' is not executable: chmod +x it")
+        scripts = [(at, one) for at, one in enumerate(self.command or ()) if one.endswith(".py")]
+        for at, script in scripts[:1]:
+            if not (folder / script).is_file():
+                yield KeyFaultError(("command", at), f"there is no file '{script}'")
 
 
 def _program_path(program: str, folder: Path) -> str | None:

@@ -12,6 +12,7 @@ from itertools import count
 from typing import Any
 
 import zenoh
+import zenoh.handlers
 
 from wil_campaign.plugins.ros2.messages.ros_types import RosTypes, dds_name, ros_name
 from wil_campaign.plugins.ros2.messages.topics import OutTopic
@@ -66,7 +67,9 @@ class ZenohWire:
             attached = b"" if sample.attachment is None else sample.attachment.to_bytes()
             take(InMessage(name, found, sample.payload.to_bytes(), _sender(attached)))
 
-        subscriber = self._session.declare_subscriber(f"{self._domain}{name}/*/*", on_sample)
+        # Not in a thread for each topic: a word that is sent before a setpoint comes before it.
+        in_order = zenoh.handlers.Callback(on_sample, indirect=False)
+        subscriber = self._session.declare_subscriber(f"{self._domain}{name}/*/*", in_order)
         self._subscribers.append(subscriber)
         self._declare_entity(f"{next(self._entities)}/MS", name, type_, _QUALITIES["reliable"])
 

@@ -48,7 +48,6 @@ def failure_text(search: SearchCampaign, case: FailingCase, folder: Path) -> str
 
 
 def _comment(case: FailingCase) -> str:
-    """Return the comment above the file."""
     return (
         f"# Found by a search as {case.variant.name}; failed in {case.reduced_failed} of "
         f"{case.reduced_proven} flights in mode {case.mode} by {case.reduced_causes_text}.\n"

@@ -143,5 +143,4 @@ class Ledger:
 
 
 def _to_json_values(batch: Batch) -> Any:
-    """Return a batch as it is read back from the ledger."""
     return json.loads(to_json(batch, indent=None))

@@ -119,7 +119,6 @@ def _rate_text(case: FailingCase) -> str:
 
 
 def _sensed_entry(one: SensedCoverage) -> dict[str, Any]:
-    """Return the entry of what a sensor had in view."""
     return {
         "sensor": one.sensor,
         "object": one.object,
@@ -141,7 +140,6 @@ def _sensed_entry(one: SensedCoverage) -> dict[str, Any]:
 
 
 def _variant_entry(tried: TriedVariant) -> dict[str, Any]:
-    """Return the entry of a variant that was tried."""
     return {
         "name": tried.variant.name,
         "values": dict(tried.variant.values),
@@ -160,7 +158,6 @@ def _variant_entry(tried: TriedVariant) -> dict[str, Any]:
 def _failure_entry(
     search: SearchCampaign, case: FailingCase, files: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the entry of a failure that was flown again."""
     interval = case.interval
     return {
         "name": case.variant.name,

@@ -71,7 +71,6 @@ class BudgetPart(Part):
 
     @model_validator(mode="after")
     def _some(self) -> Self:
-        """Require a mode."""
         if self.sim is None and self.wil is None and self.real is None:
             raise ValueError("give flights for at least one mode: {sim: 60}")
         return self

@@ -164,7 +164,6 @@ class _SearchFlight:
         return outcomes
 
     def _outcome(self, result: RunResult, plan: RunPlan, folder: Path) -> FlightOutcome:
-        """Return the outcome of a flight for the search, with what its sensors had in view."""
         outcome = self._search.objective.outcome(
             verdict=result.verdict,
             results=result.oracles,

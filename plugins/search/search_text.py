@@ -32,7 +32,6 @@ def search_text(search: SearchCampaign, outcome: SearchOutcome) -> str:
 
 
 def _sentences(search: SearchCampaign, outcome: SearchOutcome) -> Iterator[str]:
-    """Yield the sentences beneath the table."""
     found = outcome.findings
     failed = sum(one.failed(mode) for one in found.tried for mode in list(one.outcomes)[-1:])
     yield (
@@ -58,7 +57,6 @@ def _interval_text(case: FailingCase) -> str:
 
 
 def _changes_text(search: SearchCampaign, case: FailingCase) -> str:
-    """Return what the smallest failing variant changes."""
     if case.standing != "confirmed":
         return ""
     units = {one.name: one.unit for one in search.space.parameters}

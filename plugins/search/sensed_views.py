@@ -215,7 +215,6 @@ def _ranging_rays(
     sectors: NDArray[np.int64],
     pose: Callable[[Pose], Pose],
 ) -> _SensorRays:
-    """Return the rays of a ranging sensor."""
     return _SensorRays(
         sensor=name, directions=directions, sectors=sectors, pose=pose, finds_objects=False
     )

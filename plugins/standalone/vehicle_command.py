@@ -145,7 +145,6 @@ def _camera_of(settings: ProcessSettings, world: Path | None, video: str | None)
 
 
 def _check_no_camera(faults: tuple[str, ...], video: str | None) -> None:
-    """Raise ValueError for options of a camera that is not there."""
     if video is not None:
         raise ValueError(f"--video {video}: there is no camera; give --camera")
     for text in faults:

@@ -193,7 +193,6 @@ def _energy_holds_text(figure: EnergyFigure) -> str:
 
 
 def _bases(figures: Sequence[GapFigure]) -> Iterator[str]:
-    """Yield which flights the gap of each case is based on."""
     texts = dict.fromkeys(f"gap of {one.case}: {one.basis}" for one in figures)
     yield from texts
 

@@ -86,7 +86,6 @@ class EventTrace:
                     self.events.append(Occurrence(t_s, _ACKNOWLEDGED, message.command))
 
     def _append_change(self, kind: str, name: str, t_s: float) -> None:
-        """Append an event if it differs from the last one of its kind."""
         if self._last.get(kind) != name:
             self._last[kind] = name
             self.events.append(Occurrence(t_s, name))
@@ -125,7 +124,6 @@ def _modes(events: Sequence[Occurrence], autopilot: AutopilotName) -> tuple[str,
 
 
 def _landed_states(events: Iterable[Occurrence]) -> tuple[str, ...]:
-    """Return the landed states in their order."""
     return tuple(event.name for event in events if event.name in _LANDED.values())
 
 
@@ -144,7 +142,6 @@ def _effect_order(
 
 
 def _end_order(events: Sequence[Occurrence]) -> OrderRow:
-    """Return the order of landing and disarming at the end."""
     expected = ("on the ground", _DISARMED)
     last: dict[str, int] = {
         event.name: place for place, event in enumerate(events) if event.name in expected

@@ -91,5 +91,4 @@ def written_term(term: Term) -> str:
 
 
 def _is_sum(term: Term) -> bool:
-    """Return whether a term of the arithmetic is a sum or a difference."""
     return isinstance(term, Calculation) and term.operator in {"+", "-"}

@@ -61,5 +61,4 @@ def unit_of_either(one: Term, other: Term, kinds: Mapping[str, SignalKind]) -> s
 
 
 def _at(values: Values, index: int) -> float:
-    """Return a signal's value at the deciding sample."""
     return float(values if values.ndim == 0 else values[index])

@@ -65,14 +65,12 @@ def _formula(node: Node) -> Formula:
 
 
 def _term(node: Node) -> Term:
-    """Return the parsed node as a term. Raises StlError for a statement."""
     if isinstance(node, TERMS):
         return node
     raise StlError("is a statement; a value is needed here", _begin(node))
 
 
 def _begin(node: Node) -> int:
-    """Return the offset at which a parsed node begins in the text."""
     match node:
         case Calculation(_, left, _) | Comparison(left, _, _):
             return _begin(left)

@@ -288,7 +288,6 @@ def _extreme(
 
 
 def _constant(from_ns: int, value: float) -> Steps:
-    """Return the constant robustness from a time on."""
     return Steps(np.array([from_ns]), np.array([value]), np.array([NO_ORIGIN]))
 
 

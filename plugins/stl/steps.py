@@ -52,7 +52,6 @@ def aligned(left: Steps, right: Steps) -> tuple[Steps, Steps]:
 
 
 def _over(steps: Steps, times_ns: Indices) -> Steps:
-    """Return a step function over other times."""
     index = np.searchsorted(steps.times_ns, times_ns, side="right") - 1
     return Steps(times_ns, steps.values[index], steps.origins[index])
 

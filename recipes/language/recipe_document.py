@@ -76,7 +76,6 @@ class CombinePart(Part):
     @field_validator("merge")
     @classmethod
     def _some_step(cls, merge: JsonValue) -> JsonValue:
-        """Refuse a recipe's combination without a merge."""
         if merge is None:
             raise ValueError("needs a step, like overlay")
         return merge
@@ -148,7 +147,6 @@ def load_recipe(document: Document, *, loads_code: bool = True) -> Recipe:
 def _combination(
     part: CombinePart, path: Path, sensors: tuple[Sensor, ...], found: list[Step]
 ) -> Combination:
-    """Return the combination of a recipe document from its part and its parsed steps."""
     return Combination(
         sensor=next(sensor for sensor in sensors if sensor.name == part.sensor),
         steps=tuple(step for step in found if step.kind.stage != "merge"),
@@ -167,7 +165,6 @@ def _combination(
 
 
 def _in_order(problems: list[Problem]) -> list[Problem]:
-    """Return the problems of a recipe document by line and column."""
     return sorted(problems, key=lambda problem: (problem.line, problem.column))
 
 
@@ -252,11 +249,9 @@ class _Reader:
     loads_code: bool = True
 
     def note(self, path: Path, message: str, suggestion: str = "", *, key: bool = False) -> None:
-        """Note a problem at a path of the recipe document."""
         self.problems.append(self.document.problem(path, message, suggestion, key=key))
 
     def combination_count(self) -> int:
-        """Return how many combinations the recipe document lists."""
         combinations = self.document.get(("combine",))
         return len(combinations) if isinstance(combinations, list) else 0
 
@@ -276,7 +271,6 @@ class _Reader:
         return found
 
     def _refuse_late_timing(self, found: list[Step]) -> None:
-        """Refuse a step that selects by time after one that changes readings."""
         changed: dict[Side, str] = {}
         for step in found:
             if step.kind.name == "register" or step.kind.stage == "merge":

@@ -55,12 +55,10 @@ def describe_step(kind: StepType) -> StepDoc:
 
 
 def _join_words(text: str) -> str:
-    """Return a docstring of a step on one line."""
     return " ".join(text.split())
 
 
 def _parameter(name: str, field: FieldInfo) -> ParameterDoc:
-    """Return the documentation of a step's parameter."""
     needed = field.is_required()
     default = field.get_default(call_default_factory=True, validated_data={})
     shown = "" if needed or default in (None, PydanticUndefined) else _show_value(default)

@@ -43,7 +43,6 @@ class RotationPart(Part):
 
     @model_validator(mode="after")
     def _one_form(self) -> "RotationPart":
-        """Refuse a step's rotation that is given in more than one form, or is not a rotation."""
         angles = {"roll_deg", "pitch_deg", "yaw_deg"} & self.model_fields_set
         forms = [bool(angles), self.q_wxyz is not None, self.matrix is not None]
         if sum(forms) > 1:

@@ -67,7 +67,6 @@ def _compile(
     stopwatch: Stopwatch | None,
     observer: Observer | None,
 ) -> "Mixer":
-    """Return the mixing pipeline of one combination."""
     compiled = compile_stages(combination, context, recipe.document)
     return Mixer(
         combination=combination,
@@ -333,7 +332,6 @@ class _Frame:
 
 
 def _ms(time_s: float) -> str:
-    """Return a time in milliseconds for a message of the pipeline."""
     return f"{time_s * 1000:.0f} ms"
 
 

@@ -159,6 +159,5 @@ def _build_operator(step: Step, context: Context, place: StepPlace) -> Built:
 
 
 def _place(step: Step, document: Document) -> StepPlace:
-    """Return the place of a stage's step in the recipe."""
     line, _ = document.place(step.path, key=True)
     return StepPlace(document.name, line, step.label)

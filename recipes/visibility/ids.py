@@ -47,5 +47,4 @@ def compare_ids(
 
 
 def _white(mask: Mask) -> NDArray[np.uint8]:
-    """Return an image that is white within a mask."""
     return np.repeat(mask[:, :, np.newaxis].astype(np.uint8) * np.uint8(255), 3, axis=2)

@@ -239,7 +239,6 @@ def _box(mask: Mask) -> tuple[slice, slice]:
 
 
 def _match_objects(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> FrameVisibility:
-    """Return each virtual object's visibility in an image by matching its texture."""
     objects: list[ObjectVisibility] = []
     for object_id, name in pair.virtual.names.items():
         own = ids == object_id

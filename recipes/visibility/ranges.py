@@ -112,7 +112,6 @@ def nearest_m(points_m: NDArray[np.float64], cloud_m: NDArray[np.float32]) -> ND
 
 
 def _added_points(real_m: NDArray[np.float32], mixed_m: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the points of a mixture that the real cloud does not have."""
     mine = np.ascontiguousarray(mixed_m).view([("", mixed_m.dtype)] * 3).reshape(-1)
     theirs = np.ascontiguousarray(real_m, mixed_m.dtype).view(mine.dtype).reshape(-1)
     return mixed_m[~np.isin(mine, theirs)]
@@ -137,7 +136,6 @@ class _Elements:
 
 
 def _object(name: str, own: Mask, elements: _Elements, least: float) -> ObjectVisibility:
-    """Return the visibility of one virtual object in the ranges."""
     error, right, limit = elements.error, elements.right, elements.limit
     count = int(np.count_nonzero(own))
     in_view = count >= max(1.0, least)

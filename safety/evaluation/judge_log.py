@@ -188,7 +188,6 @@ def read_judge_log(stream: BinaryIO) -> Iterator[LoggedSample]:
 
 
 def _sample(row: list[Any], states: dict[str, StateSample]) -> LoggedSample:
-    """Return the sample of a judge log's row. Raises ValueError."""
     kind, t_s, *rest = row
     if not isinstance(t_s, float) or kind not in _READERS:
         raise ValueError(f"it is {str(row)[:80]}")
@@ -210,7 +209,6 @@ def _state(t_s: float, rest: list[Any], states: dict[str, StateSample]) -> State
 def _pose(
     t_s: float, vehicle: str, place: list[float], q: list[float], v: list[float]
 ) -> LoggedSample:
-    """Return the pose sample of a judge log's row."""
     (n, e, d), (w, x, y, z), (vn, ve, vd) = place, q, v
     return PoseSample(t_s, vehicle, Pose((n, e, d), (w, x, y, z)), (vn, ve, vd))
 
@@ -218,13 +216,11 @@ def _pose(
 def _actor(
     t_s: float, name: str, place: list[float], q: list[float], v: list[float]
 ) -> LoggedSample:
-    """Return an actor's pose of the judge log's row."""
     (n, e, d), (w, x, y, z), (vn, ve, vd) = place, q, v
     return ActorPose(t_s, name, Pose((n, e, d), (w, x, y, z)), (vn, ve, vd))
 
 
 def _stage(name: str) -> Stage:
-    """Return the stage of this name in a judge log. Raises ValueError."""
     for stage in get_args(Stage):
         if stage == name:
             return stage  # type: ignore[no-any-return]  # get_args is untyped
@@ -295,7 +291,6 @@ def _feed(
     judge: Judge,
     sample: StateSample | LinkSample | ReportSample | DoubtSample | DropOutSample | FenceSample,
 ) -> None:
-    """Feed one sample of a judge log to the judge."""
     match sample:
         case StateSample():
             judge.state(sample)

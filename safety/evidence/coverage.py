@@ -154,7 +154,6 @@ class Coverage:
                 self.find(since_s + limit_s, gap)
 
     def _is_link_silent(self, since_s: float, until_s: float) -> bool:
-        """Return whether the link was silent for most of a coverage gap."""
         if not self.terms.over_link:
             return False
         if self._last_sample_s is None:

@@ -108,7 +108,6 @@ class _Drawing:
         return DrawnFence(tuple(self._areas[True]), tuple(self._areas[False]), all_of)
 
     def note(self, path: Path, message: str) -> None:
-        """Note a problem with the value at a path of the fence file."""
         self.problems.append(self._document.problem(path, message))
 
     def add(self, path: Path, make: Callable[[], GeoArea], *, inclusion: bool) -> None:
@@ -149,7 +148,6 @@ class _Drawing:
     def circle(
         self, path: Path, centre: Point2 | None, radius_m: float, *, inclusion: bool
     ) -> None:
-        """Add a circle of the fence file by centre and radius."""
         if centre is not None:
             self.add(path, lambda: GeoCircle(centre, radius_m), inclusion=inclusion)
 
@@ -210,7 +208,6 @@ def read_fence_file(document: Document) -> DrawnFence:
 
 
 def _read_plan(document: Document) -> DrawnFence:
-    """Return the fence in a QGroundControl .plan file."""
     plan = check(document, _Plan)
     drawing = _Drawing(document)
     for index, drawn in enumerate(plan.geoFence.polygons):
@@ -227,7 +224,6 @@ def _read_plan(document: Document) -> DrawnFence:
 
 
 def _read_waypoints(document: Document) -> DrawnFence:
-    """Return the fence in a waypoint list."""
     drawing = _Drawing(document)
     rows = list(rows_of(document))
     at = 0
@@ -329,7 +325,6 @@ def _leaves(properties: Mapping[str, object]) -> Iterator[tuple[str, object]]:
 
 
 def _is_false(value: object) -> bool:
-    """Return whether a property's value says no."""
     if isinstance(value, str):
         return value.strip().lower() in {"", "false", "no", "off", "0", "none"}
     return not value
@@ -385,7 +380,6 @@ class _Collection(_Foreign):
 
 
 def _read_geojson(document: Document) -> DrawnFence:
-    """Return the fence in a GeoJSON file."""
     drawing = _Drawing(document)
     bare = _BARE.get(str(document.get(("type",))))
     if bare is not None:
@@ -408,7 +402,6 @@ def _read_geojson(document: Document) -> DrawnFence:
 
 
 def _features(document: Document) -> Iterator[tuple[Path, _Feature]]:
-    """Yield the features of a GeoJSON fence file with their paths."""
     kind = document.get(("type",))
     if kind == "FeatureCollection":
         for index, each in enumerate(check(document, _Collection).features):
@@ -423,7 +416,6 @@ def _features(document: Document) -> Iterator[tuple[Path, _Feature]]:
 def _draw(
     drawing: _Drawing, path: Path, geometry: Any, properties: _Properties, *, inclusion: bool
 ) -> None:
-    """Add a GeoJSON geometry of a fence file to the drawing."""
     match geometry:
         case _PointGeometry(coordinates=centre):
             if properties.radius_m is None:

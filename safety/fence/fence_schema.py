@@ -219,7 +219,6 @@ def _at(path: Path, make: Callable[[], T]) -> T:
 
 
 def _are_all_given(wanted: tuple[object, ...], others: tuple[object, ...]) -> bool:
-    """Return whether all wanted keys of a fence part are given, and none of the others."""
     return None not in wanted and all(other is None for other in others)
 
 

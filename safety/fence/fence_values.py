@@ -31,7 +31,6 @@ def fence_of_plain(plain: Mapping[str, Any]) -> Fence:
 
 
 def _plain_area(area: Area) -> dict[str, Any]:
-    """Return a fence's area as plain values."""
     if isinstance(area, Circle):
         north_m, east_m = map(float, area.centre_m)
         return {"centre_m": [north_m, east_m], "radius_m": float(area.radius_m)}
@@ -39,7 +38,6 @@ def _plain_area(area: Area) -> dict[str, Any]:
 
 
 def _area(plain: Mapping[str, Any]) -> Area:
-    """Return the fence area of plain values."""
     if "corners_m" in plain:
         return Polygon(tuple((float(n), float(e)) for n, e in plain["corners_m"]))
     north_m, east_m = plain["centre_m"]

@@ -253,8 +253,6 @@ def require_few_corners(fence: Fence) -> Fence:
 
 
 def _nothing_left(inclusions: tuple[Area, ...], exclusions: tuple[Area, ...]) -> bool:
-    """Return whether a geofence's exclusions leave nothing of its inclusions."""
-
     def shape(area: Area) -> object:
         if isinstance(area, Circle):
             return shapely.Point(area.centre_m).buffer(area.radius_m)

@@ -132,7 +132,6 @@ def _rank(
 
 
 def _event_of(result: OracleResult, end_s: float) -> DecisiveEvent:
-    """Return the decisive event of an oracle's result that is not PASS."""
     at_s = end_s if result.at_s is None else min(result.at_s, end_s)
     kind: DecisiveKind = "INVALID" if result.verdict == "INVALID" else "FAIL"
     outcome = "cannot be judged" if kind == "INVALID" else "failed"
@@ -156,7 +155,6 @@ def _exceeded(result: OracleResult) -> float:
 
 
 def _limit(result: OracleResult) -> str:
-    """Return the limit of an oracle's result as text for the verdict's reason."""
     if not isinstance(result.limit, tuple):
         return "no limit" if result.limit is None else f"{result.limit:g}"
     low, high = ("open" if x is None else f"{x:g}" for x in result.limit)

@@ -131,7 +131,6 @@ class Estimator(Oracle):
         return self.flag(t_s, f"{self.vehicle}: {fault}")
 
     def _too_long(self, lasted_s: float, fault: str) -> bool:
-        """Return whether an estimator fault has lasted longer than the limit."""
         # With a limit of 0 any fault is too long, however short.
         return bool(fault) and (lasted_s > self._max_s or self._max_s == 0.0)
 

@@ -159,7 +159,6 @@ class Clearance(Oracle):
         return f"at worst {distinct_text(worst.clearance_m, self._min_m, digits=3)} m"
 
     def _limits_kept(self, separation: Separation) -> bool:
-        """Return whether a separation is no contact and within the clearance limit."""
         return separation.clearance_m > 0.0 and separation.clearance_m >= self._min_m
 
     def _judge(self, swept: tuple[Separation, ...]) -> Flags:
@@ -183,7 +182,6 @@ class Clearance(Oracle):
         return flags
 
     def _text(self, separation: Separation) -> str:
-        """Return a contact or a small clearance in words."""
         part = part_name(separation)
         if separation.clearance_m <= 0.0:
             return f"{self.vehicle} touched {part}"

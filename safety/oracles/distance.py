@@ -77,7 +77,6 @@ class Distance(LimitOracle):
         )
 
     def _text(self, distance_m: float) -> str:
-        """Return a distance beyond its limit in words."""
         figure, _, limit = beside_limit(distance_m, self._min_m, self._max_m, "m").partition("; ")
         return f"{figure} from {self._thing}; {limit}"
 

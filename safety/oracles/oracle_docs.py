@@ -63,12 +63,10 @@ def common_parameters() -> tuple[ParameterDoc, ...]:
 
 
 def _documented_parameters(fields: Iterable[tuple[str, FieldInfo]]) -> tuple[ParameterDoc, ...]:
-    """Return the documentation of an oracle's parameters."""
     return tuple(_parameter(field.alias or name, field) for name, field in fields)
 
 
 def _parameter(name: str, field: FieldInfo) -> ParameterDoc:
-    """Return the documentation of one oracle parameter."""
     needed = field.is_required()
     default = "" if needed or field.default is None else _show_value(field.default)
     unit = _UNITS.get(unit_of(name), "")

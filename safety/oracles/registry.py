@@ -25,5 +25,4 @@ def own_keys() -> Mapping[str, str]:
 
 
 def _file_of(spec: OracleSpec) -> str:
-    """Return the name of the file of an oracle, wherever that is."""
     return spec.factory.__module__.rpartition(".")[2]

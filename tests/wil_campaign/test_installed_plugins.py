@@ -43,6 +43,7 @@ HOOKS = {
     "run_options",
     "sensor_types",
     "sources",
+    "starter_options",
     "starters",
     "vehicle_checks",
 }
@@ -777,7 +778,11 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     oracles = [name for adds in SHIPPED.values() for name in adds.get("oracles", ())]
     words += [["run", gate, *one, "--set", f"oracles.own={{{name}: a}}"] for name in oracles]
     files = [name for adds in SHIPPED.values() for name in adds.get("problem_formats", ())]
-    words += [["validate", gate, f"--{name}", str(tmp_path / name)] for name in files]
+    starts = [name for adds in SHIPPED.values() for name in adds.get("starter_options", ())]
+    words += [
+        *(["validate", gate, f"--{name}", str(tmp_path / name)] for name in files),
+        *(["init", "first", f"--{name}"] for name in starts),
+    ]
     done = subprocess.run(  # noqa: S603 - our own interpreter
         [sys.executable, "-P", "-c", ABSENT.format(words=words, out=str(tmp_path / "out"))],
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
@@ -789,7 +794,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     assert codes[:3] == [0, 5, 0], done.stdout + done.stderr  # 5: it flew nothing required
     assert re.search(r"small +sim +1/1 ", done.stdout)
     named = [*(name.split()[0] for name in commands), *views, *keys, *formats, *engines, *drivers]
-    named += [*checks, *channels, *options, *kinds, *observers, *oracles, *files]
+    named += [*checks, *channels, *options, *kinds, *observers, *oracles, *files, *starts]
     assert codes[3:] == [2] * len(named)
     for name in named:
         assert f"'{name}' is of the plugin " in done.stderr

@@ -294,7 +294,6 @@ async def sleep_until(t_s: float) -> None:
 
 
 def _set_result(reached: asyncio.Future[None]) -> None:
-    """Set a camera's future, unless it is done."""
     if not reached.done():
         reached.set_result(None)
 

@@ -99,7 +99,6 @@ class Lockstep:
         return True
 
     def _awaited_progress_s(self) -> list[float]:
-        """Return the progress of each process that the clock waits for."""
         return [one.run_s for one in self._followers.values() if one.awaited]
 
 
@@ -111,6 +110,5 @@ class _Follower:
         self.run_s = 0.0
 
     def take_report(self, run_s: float) -> None:
-        """Take a report of the process."""
         self.run_s = max(self.run_s, run_s)
         self.awaited = True

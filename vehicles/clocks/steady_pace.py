@@ -69,7 +69,6 @@ class SteadyPace:
 def _permitted(
     old: Exchange, new: Exchange, step_s: float, slopes: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return what two exchanges permit of the slopes from one to the other."""
     span_s = new.remote_s - old.remote_s
     if span_s <= 0.0:
         return slopes

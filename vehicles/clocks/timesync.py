@@ -226,7 +226,6 @@ class ClockMap:
 
 
 def _round_trip(exchange: Exchange) -> float:
-    """Return a TIMESYNC exchange's round trip, to sort by."""
     return exchange.round_trip_s
 
 
@@ -244,7 +243,6 @@ class _LeastDelay:
         self._previous = math.inf
 
     def add(self, value: float, now_s: float) -> None:
-        """Add a delay to the moving minimum."""
         if now_s - self._since_s > self._span_s:
             self._since_s, self._previous, self._current = now_s, self._current, value
         elif value < self._current:
@@ -252,7 +250,6 @@ class _LeastDelay:
 
     @property
     def value(self) -> float:
-        """Return the least delay of the moving window."""
         return min(self._current, self._previous)
 
 
@@ -393,7 +390,6 @@ class VehicleClock:
         self._epoch_shift_s = 0.0 if same_epoch else least_s - self._map.half_round_trip_s
 
     def _restart(self) -> None:
-        """Restart the clock map after the vehicle's reboot."""
         self.reboots += 1
         self._newest_boot_s = -math.inf
         self._map = ClockMap(max_drift=self._max_drift)

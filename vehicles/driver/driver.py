@@ -6,7 +6,6 @@ from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from types import TracebackType
 from typing import Any, Literal, Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -146,12 +145,7 @@ class Driver:
             self._link_monitor.start()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         """Stop all sending and close the driver's link; it does not land the vehicle."""
         if self._vehicle is not None:
             self._vehicle.setpoints.stop()
@@ -160,7 +154,7 @@ class Driver:
         self._link_monitor.stop()
         self._timesync.stop()
         self._commander.close()
-        await self._link.__aexit__(kind, error, trace)
+        await self._link.__aexit__(*raised)
 
     @property
     def identity(self) -> Identity:

@@ -3,12 +3,13 @@
 A profile describes a vehicle and a place; it is never tuned per campaign.
 """
 
+import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from wil_campaign.worlds.files.documents import Part, check, closest, load
+from wil_campaign.worlds.files.documents import KeyFaultError, Part, check, closest, load
 
 _FOLDER = Path(__file__).parent / "profiles"
 
@@ -16,6 +17,15 @@ Nonnegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Pair = tuple[Nonnegative, Nonnegative]
 """Horizontal and vertical, each axis."""
+
+
+_MOTORS = 4
+_G_M_S2 = 9.80665
+_HEAVIEST_KG = 150.0
+_LONGEST_ARM_M = 3.0
+"""Beyond any quadrotor: a larger number was probably typed in grams, or in centimetres."""
+_FAR_ARMS = 2.0
+"""A body with all of its mass so many arms away has more inertia than any quadrotor."""
 
 
 class ProfileError(ValueError):
@@ -112,6 +122,32 @@ class AirframeNumbers(Part):
     drag_area_m2: tuple[Nonnegative, Nonnegative, Nonnegative]
     linear_drag_n_s_m: Nonnegative
     angular_damping_n_m_s: Nonnegative
+
+    @model_validator(mode="after")
+    def _can_fly(self) -> Self:
+        """Refuse an airframe that its motors do not lift, or that is none of a quadrotor."""
+        if self.mass_kg > _HEAVIEST_KG:
+            message = f"{self.mass_kg:g} kg is no quadrotor: at most {_HEAVIEST_KG:g} kg"
+            raise KeyFaultError("mass_kg", message)
+        if self.arm_m > _LONGEST_ARM_M:
+            message = f"{self.arm_m:g} m is no quadrotor: at most {_LONGEST_ARM_M:g} m"
+            raise KeyFaultError("arm_m", message)
+        most_kg_m2 = self.mass_kg * (_FAR_ARMS * self.arm_m) ** 2
+        for key in ("inertia_xx_kg_m2", "inertia_yy_kg_m2", "inertia_zz_kg_m2"):
+            if getattr(self, key) > most_kg_m2:
+                message = f"{getattr(self, key):g} kg m² is too much for {self.mass_kg:g} kg and "
+                message += f"arms of {self.arm_m:g} m: at most {most_kg_m2:.2g} kg m²"
+                raise KeyFaultError(key, message)
+        weight_n = self.mass_kg * _G_M_S2
+        if _MOTORS * self.max_thrust_n <= weight_n:
+            message = f"{_MOTORS} x {self.max_thrust_n} N do not lift {self.mass_kg:g} kg"
+            raise KeyFaultError("max_thrust_n", f"{message} ({weight_n:.1f} N)")
+        return self
+
+    @property
+    def motor_span_m(self) -> float:
+        """Return the distance of two neighbouring motors, hub to hub."""
+        return self.arm_m * math.sqrt(2.0)
 
 
 class Profile(Part):

@@ -1,14 +1,14 @@
-"""The embedded vehicle: a JSBSim quadrotor with an autopilot on one end of a MAVLink link."""
+"""The embedded vehicle: a simulated quadrotor with an autopilot on one end of a MAVLink link."""
 
 import asyncio
 from collections.abc import Callable
 from dataclasses import replace
-from types import TracebackType
 from typing import Any, Protocol, Self
 
 import numpy as np
 
 from wil_campaign.vehicles.embedded.autopilot.copter.copter import ArduCopter
+from wil_campaign.vehicles.embedded.autopilot.copter.simulated_wind import simulated_wind
 from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import (
     COMPONENT,
     Aircraft,
@@ -168,16 +168,11 @@ class EmbeddedVehicle:
         self._timer = loop.call_at(self._step_s(_STEPS_PER_TICK), self._tick)
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         """Stop the vehicle and close the link. Raises the error that stopped it, if any."""
         self.kill()
-        await self._link.__aexit__(kind, error, trace)
-        if self._fault is not None and error is None:
+        await self._link.__aexit__(*raised)
+        if self._fault is not None and not any(raised):
             raise self._fault
 
     def _step_s(self, step: int) -> float:
@@ -210,7 +205,8 @@ class EmbeddedVehicle:
         self._flush()
         for component, codec in self._components:
             self._send_of(codec, component.tick(now_s))
-        if self._mocap.next_due_s is not None:
+        timer = self._mocap_timer
+        if (timer is None or timer.when() <= now_s) and self._mocap.next_due_s is not None:
             self._deliver_mocap()
 
     def _deliver_mocap(self) -> None:
@@ -313,6 +309,8 @@ def build_autopilot(config: EmbeddedConfig, body: Body) -> EmulatedAutopilot:
         autopilot = Px4(aircraft, full_streams=config.full_streams)
     else:
         autopilot = ArduCopter(aircraft)
+        parameters = autopilot.parameters
+        body.blown_by(lambda: simulated_wind(parameters, lambda: -body.truth.position_ned_m[2]))
     autopilot.state.simulator = lambda: body.truth
     autopilot.state.clock_offset_s = config.profile.clock.boot_offset_s
     if config.boot_unix_us is not None:

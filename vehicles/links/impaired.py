@@ -2,17 +2,16 @@
 
 import asyncio
 from collections.abc import Callable
-from types import TracebackType
 from typing import Self
 
 import numpy as np
 
 from wil_campaign.vehicles.links.impairment import ImpairedDirection, Impairment, ImpairmentCounts
-from wil_campaign.vehicles.links.link import Link, Receiver, TellsTrouble
+from wil_campaign.vehicles.links.link import Link, TellsTrouble, WrappedLink
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter
 
 
-class ImpairedLink:
+class ImpairedLink(WrappedLink):
     """An impaired link: MAVLink frames are lost, delayed, doubled and corrupted independently.
 
     outgoing: the impairment of written frames; incoming: of received ones. rng: a generator of its
@@ -27,17 +26,10 @@ class ImpairedLink:
         incoming: Impairment,
         rng: np.random.Generator,
     ) -> None:
-        self._link = link
-        self._receiver: Receiver | None = None
         out_rng, in_rng = rng.spawn(2)
         self._out = _TimedDirection(outgoing, out_rng, self._send)
         self._in = _TimedDirection(incoming, in_rng, self._hand_on)
-        link.receive(self._on_bytes)
-
-    @property
-    def name(self) -> str:
-        """Return the name of the impaired link."""
-        return self._link.name
+        super().__init__(link)
 
     @property
     def trouble(self) -> str:
@@ -54,10 +46,6 @@ class ImpairedLink:
         """Return the counts of frames received on the impaired link."""
         return self._in.counts
 
-    def receive(self, receiver: Receiver) -> None:
-        """Set the receiver of the impaired link's bytes."""
-        self._receiver = receiver
-
     def write(self, data: bytes) -> None:
         """Send frames through the impairment."""
         self._out.put(data)
@@ -71,19 +59,13 @@ class ImpairedLink:
         """Open the wrapped link; outages count from here. Raises LinkError."""
         self._out.open()
         self._in.open()
-        await self._link.__aenter__()
-        return self
+        return await super().__aenter__()
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         """Close the wrapped link; delayed frames are lost."""
         self._out.close()
         self._in.close()
-        await self._link.__aexit__(kind, error, trace)
+        await super().__aexit__(*raised)
 
     def _on_bytes(self, data: bytes, _t_s: float) -> None:
         self._in.put(data)
@@ -119,7 +101,6 @@ class _TimedDirection:
         return ImpairmentCounts() if self._direction is None else self._direction.counts
 
     def open(self) -> None:
-        """Open the impaired direction."""
         now_s = asyncio.get_running_loop().time()
         self._direction = ImpairedDirection(
             impairment=self._impairment, rng=self._rng, opened_s=now_s
@@ -134,7 +115,6 @@ class _TimedDirection:
             self._timer = None
 
     def start_outage(self, duration_s: float) -> None:
-        """Start an outage of the impaired direction."""
         if self._direction is not None:
             self._direction.start_outage(asyncio.get_running_loop().time(), duration_s)
 

@@ -1,7 +1,6 @@
 """The protocol of byte links: bytes out, bytes in with their time, open and close."""
 
 from collections.abc import Callable, Sequence
-from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
 from wil_campaign.vehicles.errors import VehicleError
@@ -37,12 +36,7 @@ class Link(Protocol):
     async def __aenter__(self) -> Self:
         """Open the link. Raises LinkError."""
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         """Close the link; nothing arrives afterwards."""
 
 
@@ -69,3 +63,38 @@ class TellsUnread(Protocol):
 
     def on_unread(self, receiver: TimesReceiver) -> None:
         """Set the receiver of the arrival times of dropped packets."""
+
+
+class ReceivingLink:
+    """The base of links: it has their receiver."""
+
+    _receiver: Receiver | None = None
+
+    def receive(self, receiver: Receiver) -> None:
+        """Set the link's receiver of bytes."""
+        self._receiver = receiver
+
+
+class WrappedLink(ReceivingLink):
+    """The base of links around another link, whose name, opening and end are theirs."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        link.receive(self._on_bytes)
+
+    @property
+    def name(self) -> str:
+        """Return the wrapped link's name."""
+        return self._link.name
+
+    async def __aenter__(self) -> Self:
+        """Open the wrapped link. Raises LinkError."""
+        await self._link.__aenter__()
+        return self
+
+    async def __aexit__(self, *raised: object) -> None:
+        """Close the wrapped link."""
+        await self._link.__aexit__(*raised)
+
+    def _on_bytes(self, data: bytes, t_s: float) -> None:
+        raise NotImplementedError

@@ -78,7 +78,6 @@ def parse_link(text: str) -> LinkAddress:
 
 
 def _serial(text: str, rest: str) -> LinkAddress:
-    """Return the address in a serial link string. Raises LinkAddressError."""
     match = _DEVICE_BAUD.fullmatch(rest)
     if match is None:
         raise _unreadable(text, "serial:// needs device:baud")
@@ -89,7 +88,6 @@ def _serial(text: str, rest: str) -> LinkAddress:
 
 
 def _unreadable(text: str, why: str = "") -> LinkAddressError:
-    """Return the error of a malformed link string, with a suggestion."""
     suggestion = _suggestion(text)
     meant = f"; did you mean {suggestion}?" if suggestion else ""
     forms = "" if suggestion else " (like udpin://0.0.0.0:14540 or serial:///dev/ttyACM0:57600)"

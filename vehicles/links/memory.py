@@ -4,10 +4,10 @@ import asyncio
 from collections import deque
 from typing import Self
 
-from wil_campaign.vehicles.links.link import Link, Receiver
+from wil_campaign.vehicles.links.link import Link, ReceivingLink
 
 
-class MemoryLink:
+class MemoryLink(ReceivingLink):
     """One end of a link in memory; written bytes arrive at the other end `latency_s` later.
 
     Bytes written while either end is closed are lost, as on a cable that is not plugged in.
@@ -16,7 +16,6 @@ class MemoryLink:
     def __init__(self, *, name: str, latency_s: float) -> None:
         self._name = name
         self._latency_s = latency_s
-        self._receiver: Receiver | None = None
         self._other: MemoryLink | None = None
         self._under_way: deque[tuple[float, bytes]] = deque()
         self._timer: asyncio.Handle | None = None
@@ -27,10 +26,6 @@ class MemoryLink:
     def name(self) -> str:
         """Return the name of this end of the memory link."""
         return self._name
-
-    def receive(self, receiver: Receiver) -> None:
-        """Set the receiver of this end of the memory link."""
-        self._receiver = receiver
 
     def write(self, data: bytes) -> None:
         """Send bytes to the memory link's other end."""

@@ -4,12 +4,11 @@ import asyncio
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
 from functools import partial
-from types import TracebackType
 from typing import Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.links.link import Link, Receiver, TellsTrouble
+from wil_campaign.vehicles.links.link import Link, ReceivingLink, TellsTrouble
 from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter
 from wil_campaign.vehicles.mavlink.heartbeats import heartbeat_kind
 
@@ -46,7 +45,7 @@ _COMMANDS_ON_ALL_LINKS = frozenset(
 )
 
 
-class RedundantLink:
+class RedundantLink(ReceivingLink):
     """Redundant links as one: passes on what arrives on the active one.
 
     Autopilots number and time the messages of each link separately, so that two streams cannot be
@@ -74,7 +73,6 @@ class RedundantLink:
         self._links = tuple(links)
         self._system_id = system_id
         self._on_switch = on_switch
-        self._receiver: Receiver | None = None
         self._last_received_s = [0.0] * len(links)
         self._steady_since_s = [0.0] * len(links)
         self._inward = [FrameSplitter() for _ in links]
@@ -101,10 +99,6 @@ class RedundantLink:
         ]
         return "; ".join(troubles)
 
-    def receive(self, receiver: Receiver) -> None:
-        """Set the receiver of the redundant links' bytes."""
-        self._receiver = receiver
-
     def write(self, data: bytes) -> None:
         """Send frames: on all redundant links if repeatable, else on the active one."""
         frames = self._outward.feed(data)
@@ -127,14 +121,9 @@ class RedundantLink:
             self._stack = stack.pop_all()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         """Close all redundant links."""
-        await self._stack.__aexit__(kind, error, trace)
+        await self._stack.aclose()
 
     def _on_bytes(self, number: int, data: bytes, t_s: float) -> None:
         if any(self._is_vehicle(frame) for frame in self._inward[number].feed(data)):

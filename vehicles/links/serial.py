@@ -5,7 +5,7 @@ import errno
 import os
 from typing import Self
 
-from wil_campaign.vehicles.links.link import LinkError, Receiver
+from wil_campaign.vehicles.links.link import LinkError, ReceivingLink
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 from wil_campaign.vehicles.links.reconnection import BackOff, Reconnection
 from wil_campaign.vehicles.links.serial_port import open_port, remedy
@@ -15,7 +15,7 @@ _MOST_WAITING_BYTES = 4096
 """0.7 s of a radio at 57600 baud: writes beyond that are dropped."""
 
 
-class SerialLink:
+class SerialLink(ReceivingLink):
     """A serial port as a link, 8N1 without flow control; wall clock only.
 
     The port is opened exclusively. When it vanishes it is reopened by its name; a name in
@@ -24,7 +24,6 @@ class SerialLink:
 
     def __init__(self, *, address: LinkAddress, back_off: BackOff | None = None) -> None:
         self._address = address
-        self._receiver: Receiver | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._port: int | None = None
         self._waiting = bytearray()
@@ -42,10 +41,6 @@ class SerialLink:
     def trouble(self) -> str:
         """Return why the serial port is lost; empty while it is open."""
         return self._recovery.trouble
-
-    def receive(self, receiver: Receiver) -> None:
-        """Set the receiver of the serial port's bytes."""
-        self._receiver = receiver
 
     def write(self, data: bytes) -> None:
         """Send bytes on the serial port, unless it is gone or clogged."""

@@ -72,7 +72,6 @@ def remedy(error: OSError, device: str, baud: int) -> str:
 
 
 def _make_raw(port: int, baud: int) -> None:
-    """Set a serial port raw at a baud rate."""
     attributes = termios.tcgetattr(port)
     special = attributes[6]
     special[termios.VMIN], special[termios.VTIME] = 1, 0

@@ -1,16 +1,20 @@
 """A link with MAVLink 2 signing: signs outgoing frames, and accepts only signed ones."""
 
 import asyncio
-from types import TracebackType
 from typing import Self
 
-from wil_campaign.vehicles.links.link import ConfirmsSenders, Link, Receiver, TellsTrouble
+from wil_campaign.vehicles.links.link import (
+    ConfirmsSenders,
+    Link,
+    TellsTrouble,
+    WrappedLink,
+)
 from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter
 from wil_campaign.vehicles.mavlink.signing import TICKS_PER_S, Signer, SigningCounts, ticks_of_utc
 from wil_campaign.vehicles.mavlink.signing_key import SigningKey
 
 
-class SignedLink:
+class SignedLink(WrappedLink):
     """A link with MAVLink 2 signing; its users read and write unsigned frames.
 
     utc_s: the time (UTC, seconds since 1970) when the link is opened; it advances with the loop's
@@ -21,20 +25,13 @@ class SignedLink:
     def __init__(
         self, *, link: Link, key: SigningKey, utc_s: float, link_id: int = 0, newest: int = 0
     ) -> None:
-        self._link = link
         self._senders = link if isinstance(link, ConfirmsSenders) else None
         self._signer = Signer(key=key, link_id=link_id, newest=newest)
         self._start = ticks_of_utc(utc_s)
         self._start_s: float | None = None
-        self._receiver: Receiver | None = None
         self._inward = FrameSplitter()
         self._outward = FrameSplitter()
-        link.receive(self._on_bytes)
-
-    @property
-    def name(self) -> str:
-        """Return the name of the signed link."""
-        return self._link.name
+        super().__init__(link)
 
     @property
     def counts(self) -> SigningCounts:
@@ -54,10 +51,6 @@ class SignedLink:
         refused = f"refused for its signature: {counts} frames" if counts else ""
         return "; ".join(text for text in (refused, inner) if text)
 
-    def receive(self, receiver: Receiver) -> None:
-        """Set the receiver of correctly signed bytes."""
-        self._receiver = receiver
-
     def write(self, data: bytes) -> None:
         """Sign the frames and send them in one piece."""
         frames = self._outward.feed(data)
@@ -69,17 +62,7 @@ class SignedLink:
     async def __aenter__(self) -> Self:
         """Open the link under signing. Raises LinkError."""
         self._start_s = asyncio.get_running_loop().time()
-        await self._link.__aenter__()
-        return self
-
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the link under signing."""
-        await self._link.__aexit__(kind, error, trace)
+        return await super().__aenter__()
 
     def _on_bytes(self, data: bytes, t_s: float) -> None:
         now = self._now()

@@ -1,28 +1,14 @@
 """A link that passes received bytes to taps beside its receiver."""
 
-from types import TracebackType
-from typing import Self
-
-from wil_campaign.vehicles.links.link import Link, Receiver, TellsUnread, TimesReceiver
+from wil_campaign.vehicles.links.link import Link, Receiver, TellsUnread, TimesReceiver, WrappedLink
 
 
-class TappedLink:
+class TappedLink(WrappedLink):
     """A tapped link: passes received bytes to its receiver, and after that to every tap."""
 
     def __init__(self, link: Link) -> None:
-        self._link = link
-        self._receiver: Receiver | None = None
         self._taps: list[Receiver] = []
-        link.receive(self._on_bytes)
-
-    @property
-    def name(self) -> str:
-        """Return the name of the tapped link."""
-        return self._link.name
-
-    def receive(self, receiver: Receiver) -> None:
-        """Set the first receiver of the tapped link."""
-        self._receiver = receiver
+        super().__init__(link)
 
     def tap(self, receiver: Receiver) -> None:
         """Add a tap: `receiver` gets all bytes that arrive from now on, too."""
@@ -36,20 +22,6 @@ class TappedLink:
     def write(self, data: bytes) -> None:
         """Send bytes on the tapped link."""
         self._link.write(data)
-
-    async def __aenter__(self) -> Self:
-        """Open the tapped link. Raises LinkError."""
-        await self._link.__aenter__()
-        return self
-
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the tapped link."""
-        await self._link.__aexit__(kind, error, trace)
 
     def _on_bytes(self, data: bytes, t_s: float) -> None:
         if self._receiver is not None:

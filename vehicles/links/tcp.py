@@ -6,7 +6,7 @@ import sys
 from typing import Self
 
 from wil_campaign.vehicles.links.byte_stream import StreamPeer
-from wil_campaign.vehicles.links.link import LinkError, Receiver
+from wil_campaign.vehicles.links.link import LinkError, ReceivingLink
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 from wil_campaign.vehicles.links.reconnection import BackOff, Reconnection
 from wil_campaign.vehicles.links.socket_errors import socket_remedy
@@ -19,7 +19,7 @@ _UNANSWERED_MS = 5000
 """Data that the peer does not acknowledge for so long counts as lost (TCP_USER_TIMEOUT)."""
 
 
-class TcpOutLink:
+class TcpOutLink(ReceivingLink):
     """A TCP client as a link; wall clock only.
 
     A lost connection is reopened after waits that grow; meanwhile written bytes are lost.
@@ -31,7 +31,6 @@ class TcpOutLink:
     ) -> None:
         self._address = address
         self._patient = patient
-        self._receiver: Receiver | None = None
         self._peer: StreamPeer | None = None
         self._recovery = Reconnection(
             name=self.name, reconnect=self._connect, back_off=back_off or BackOff()
@@ -46,10 +45,6 @@ class TcpOutLink:
     def trouble(self) -> str:
         """Return why the TCP connection is lost; empty while connected."""
         return self._recovery.trouble
-
-    def receive(self, receiver: Receiver) -> None:
-        """Set the receiver of the TCP connection's bytes."""
-        self._receiver = receiver
 
     def write(self, data: bytes) -> None:
         """Send bytes on the TCP connection, while connected."""
@@ -102,7 +97,7 @@ class TcpOutLink:
         self._recovery.lost(why)
 
 
-class TcpInLink:
+class TcpInLink(ReceivingLink):
     """A TCP server as a link for a vehicle, or several ground stations; wall clock only.
 
     clients: how many may be connected. One more is refused, unless one of them has been silent,
@@ -115,7 +110,6 @@ class TcpInLink:
             raise ValueError(f"clients is {clients}: no client could connect")
         self._address = address
         self._most = clients
-        self._receiver: Receiver | None = None
         self._server: asyncio.Server | None = None
         self._peers: dict[StreamPeer, FrameSplitter] = {}
         self._recovery = Reconnection(name=self.name, reconnect=None, back_off=BackOff())
@@ -139,10 +133,6 @@ class TcpInLink:
         if self._server is None or not self._server.sockets:
             return 0
         return int(self._server.sockets[0].getsockname()[1])
-
-    def receive(self, receiver: Receiver) -> None:
-        """Set the receiver of TCP clients' bytes."""
-        self._receiver = receiver
 
     def write(self, data: bytes) -> None:
         """Send bytes to the connected TCP clients."""
@@ -210,7 +200,6 @@ class TcpInLink:
 
 
 async def _close(peer: StreamPeer | None) -> None:
-    """Close a TCP peer and wait for its socket."""
     if peer is not None:
         peer.close()
         # An aborted transport closes its socket one turn later.

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Self, cast
 
-from wil_campaign.vehicles.links.link import LinkError, Receiver
+from wil_campaign.vehicles.links.link import LinkError, ReceivingLink
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 from wil_campaign.vehicles.links.reads import shorten_reads
 from wil_campaign.vehicles.links.socket_errors import socket_remedy
@@ -111,7 +111,7 @@ class _Source:
         return len(self.beside) >= _MOST_BESIDE if one is None else one.is_rival
 
 
-class UdpLink(asyncio.DatagramProtocol):
+class UdpLink(ReceivingLink, asyncio.DatagramProtocol):
     """A UDP socket as a link; wall clock only.
 
     `udpin` binds to its address, receives from any sender, and writes to all senders, at most four.
@@ -132,7 +132,6 @@ class UdpLink(asyncio.DatagramProtocol):
     def __init__(self, *, address: LinkAddress, signed: bool = False) -> None:
         self._address = address
         self._signed = signed
-        self._receiver: Receiver | None = None
         self._transport: asyncio.DatagramTransport | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._sources: dict[int | _Address, _Source] = {}
@@ -166,10 +165,6 @@ class UdpLink(asyncio.DatagramProtocol):
         if self._transport is None:
             return 0
         return int(self._transport.get_extra_info("sockname")[1])
-
-    def receive(self, receiver: Receiver) -> None:
-        """Set the receiver of UDP bytes."""
-        self._receiver = receiver
 
     def on_rival(self, listener: Callable[[str], None]) -> None:
         """Call `listener` with a message for each UDP sender that sends beside another's system id.
@@ -253,7 +248,6 @@ class UdpLink(asyncio.DatagramProtocol):
         source.confirmed = True
 
     def _is_accepted(self, key: "int | _Address", address: _Address, now_s: float) -> bool:
-        """Return whether a UDP datagram is accepted from its sender, and keep its address."""
         source = self._sources.get(key)
         if source is None:
             if self._has_place(now_s):
@@ -355,7 +349,6 @@ class UdpLink(asyncio.DatagramProtocol):
 
 
 def _text(address: _Address) -> str:
-    """Return a UDP address in words."""
     return f"{address[0]}:{address[1]}"
 
 

@@ -40,6 +40,8 @@ class SenderSequence:
         self._last: int | None = None
         self._last_s = 0.0
         self._period_s = 0.0
+        self._silent_s = _LEAST_SILENT_S
+        """After a silence that is longer, any number continues the sequence."""
         self._came: deque[tuple[float, Frame]] = deque(maxlen=_KEPT)
         self._skipped: deque[int] = deque(maxlen=_KEPT)
         self._held_back: list[Frame] = []
@@ -54,6 +56,23 @@ class SenderSequence:
     def are_two(self) -> bool:
         """Return whether two sequences alternate, so that there are two senders."""
         return self._signs >= _SIGNS
+
+    def goes_on(self, frame: Frame, t_s: float) -> bool:
+        """Take a frame if it is the next of the only sequence, as nearly all are.
+
+        Returns whether it is: `split` would return this frame alone. Else `split` has to take it.
+        """
+        if (
+            self._last is None
+            or frame.seq != (self._last + 1) & 0xFF
+            or self._held_back
+            or self._other is not None
+            or t_s - self._last_s > self._silent_s
+        ):
+            return False
+        self._other_went_on = False
+        self._accept(frame, t_s)
+        return True
 
     def split(self, frame: Frame, t_s: float) -> tuple[list[Frame], list[Frame]]:
         """Take a frame; return frames of the sender, and of another one, that are known by now.
@@ -103,10 +122,6 @@ class SenderSequence:
         self._other_went_on = True
         return [], [frame]
 
-    @property
-    def _silent_s(self) -> float:
-        return min(max(_LEAST_SILENT_S, _SILENT_PERIODS * self._period_s), _MOST_SILENT_S)
-
     def _note_alternation(self, frame: Frame, others: list[Frame], t_s: float) -> None:
         """Note that the sequence goes on, after frames of another one if there were any."""
         for one in others:
@@ -131,10 +146,12 @@ class SenderSequence:
     def _accept(self, frame: Frame, t_s: float) -> None:
         if self._last is not None:
             self._period_s += _SHARE * (min(t_s - self._last_s, _MOST_SILENT_S) - self._period_s)
+            silent_s = _SILENT_PERIODS * self._period_s
+            self._silent_s = min(max(_LEAST_SILENT_S, silent_s), _MOST_SILENT_S)
             ahead = _ahead(self._last, frame.seq)
-            if ahead <= _NEAR:
+            if 1 < ahead <= _NEAR:
                 self._skipped.extend((self._last + one) & 0xFF for one in range(1, ahead))
-            else:
+            elif ahead > _NEAR:
                 self._skipped.clear()
                 self._came.clear()
         self._last, self._last_s = frame.seq, t_s

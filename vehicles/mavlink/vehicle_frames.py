@@ -53,6 +53,10 @@ class VehicleFrames:
 
         t_s: its time of arrival.
         """
+        if self._sequence.goes_on(frame, t_s):
+            if frame.message_id in _STATE:
+                self._counts_of(frame).note(t_s, own=1.0)
+            return [frame], []
         own, others = self._sequence.split(frame, t_s)
         passed = [] if frame.message_id in _STATE else [frame]
         for one in own:
@@ -67,7 +71,10 @@ class VehicleFrames:
         return passed, second
 
     def _counts_of(self, frame: Frame) -> "_Counts":
-        return self._counts.setdefault(frame.message_id, _Counts())
+        counts = self._counts.get(frame.message_id)
+        if counts is None:
+            counts = self._counts[frame.message_id] = _Counts()
+        return counts
 
 
 @dataclass(slots=True)

@@ -35,7 +35,6 @@ class HsvRange:
 
 
 def _hue(low: float, high: float, saturation: float = 0.35, value: float = 0.15) -> HsvRange:
-    """Return the HSV range of a hue interval."""
     return HsvRange((low, high), (saturation, 1.0), (value, 1.0))
 
 
@@ -91,7 +90,6 @@ class HsvMask:
 
 
 def _kernel_arguments(colors: HsvRange) -> tuple[Limits, bool, bool]:
-    """Return an HSV range as arguments of the compiled kernel."""
     (hue_low, hue_high) = colors.hue_deg
     pale, vivid, dark, bright = (
         np.float32(round(limit * 255)) for limit in (*colors.saturation, *colors.value)

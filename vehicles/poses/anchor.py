@@ -145,7 +145,6 @@ class PoseAverage:
         return Pose.of(mean[0], mean[1], -mean[2], yaw_rad=yaw_rad)
 
     def _check_still(self, positions: Sequence[Vec3]) -> None:
-        """Raise AnchorError when the averaged poses move."""
         spread_m = max(
             max(position[axis] for position in positions)
             - min(position[axis] for position in positions)
@@ -159,6 +158,5 @@ class PoseAverage:
 
 
 def _turn(v: Vec3, angle_rad: float) -> Vec3:
-    """Return a vector turned by the anchor's heading."""
     cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
     return (cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1], v[2])

@@ -188,7 +188,6 @@ def _less(value: float, by: float) -> float:
 
 
 def _rotation(turned_rad: Vec3) -> Quat:
-    """Return the rotation by a vector of angles."""
     angle_rad = math.hypot(*turned_rad)
     if angle_rad < 1e-12:
         return (1.0, 0.0, 0.0, 0.0)

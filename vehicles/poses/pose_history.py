@@ -121,11 +121,12 @@ class PoseHistory:
         return PoseAt(Pose(moved, last.q_wxyz), "predicted", ahead_s)
 
     def _forget(self, before_s: float) -> None:
-        times = self._times
+        times, first = self._times, self._first
         # The last sample before the horizon stays: it brackets the horizon's first moment.
-        while self._first + 1 < len(times) and times[self._first + 1] <= before_s:
-            self._first += 1
-        if self._first >= _COMPACT_AFTER:
-            del self._times[: self._first]
-            del self._poses[: self._first]
-            self._first = 0
+        while first + 1 < len(times) and times[first + 1] <= before_s:
+            first += 1
+        if first >= _COMPACT_AFTER:
+            del times[:first]
+            del self._poses[:first]
+            first = 0
+        self._first = first

@@ -161,7 +161,6 @@ class ChildProcess:
         process: subprocess.Popen[bytes] | ForkedProcess,
         on_end: Callable[["ChildProcess"], None] | None,
     ) -> None:
-        """Watch the started child. Raises OSError."""
         loop = asyncio.get_running_loop()
         self._on_end = on_end
         self._id = ProcessId.of(process.pid)

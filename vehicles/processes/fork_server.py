@@ -188,7 +188,6 @@ def _read_reply(reply: socket.socket, wanted: bytes) -> int | None:
 
 
 def _umask() -> int:
-    """Return the umask of this process."""
     mask = os.umask(0o077)
     os.umask(mask)
     return mask
@@ -243,7 +242,6 @@ def _environment_at_start() -> dict[str, str]:
 
 
 def _common(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return the variables that all processes of a fork server have."""
     return {
         name: value
         for name, value in environment.items()
@@ -351,7 +349,6 @@ def _is_wanted(reply: socket.socket) -> bool:
 
 
 def _place(descriptors: Sequence[int], numbers: Sequence[int]) -> None:
-    """Give descriptors their numbers, and close all others."""
     above = max(numbers) + 1
     apart = [fcntl.fcntl(one, fcntl.F_DUPFD, above) for one in descriptors]
     for one, number in zip(apart, numbers, strict=True):

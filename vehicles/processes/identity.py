@@ -88,7 +88,6 @@ def group_lives(group: int) -> bool:
 
 
 def _runs_in(group: int, pid: int) -> bool:
-    """Return whether the process of this id runs in a group."""
     try:
         return os.getpgid(pid) == group and psutil.Process(pid).status() not in _ENDED
     except (OSError, psutil.Error):

@@ -146,7 +146,11 @@ def processor_wait_s(pid: int) -> float:
     for a process that has ended, and where the system does not count it.
     """
     with contextlib.suppress(OSError, ValueError, IndexError):
-        return int(Path(f"/proc/{pid}/schedstat").read_bytes().split()[1]) / 1e9
+        file = os.open(f"/proc/{pid}/schedstat", os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            return int(os.read(file, 256).split()[1]) / 1e9
+        finally:
+            os.close(file)
     return 0.0
 
 

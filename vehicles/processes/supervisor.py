@@ -130,7 +130,6 @@ def _start(argv: list[str]) -> int:
 
 
 def _children() -> list[int]:
-    """Return the supervisor's child processes."""
     return [child.pid for child in psutil.Process().children()]
 
 

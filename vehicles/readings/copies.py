@@ -58,7 +58,6 @@ _ARRAYS: dict[type, frozenset[str]] = {}
 
 
 def _array_fields(kind: type) -> frozenset[str]:
-    """Return the fields of a class of readings that are arrays."""
     if kind not in _ARRAYS:
         hints = get_type_hints(kind).items()
         _ARRAYS[kind] = frozenset(name for name, hint in hints if "ndarray" in str(hint))

@@ -160,7 +160,6 @@ def _rays(pixels: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.float64
 
 
 def _matrix(intrinsics: Intrinsics) -> NDArray[np.float64]:
-    """Return the 3x3 camera matrix of a lens's intrinsics."""
     i = intrinsics
     return np.array([[i.fx_px, 0, i.cx_px], [0, i.fy_px, i.cy_px], [0, 0, 1.0]])
 

@@ -55,7 +55,6 @@ class ArrivalClock:
             self._current_s = min(self._current_s, delay_s)
 
     def _reset(self) -> None:
-        """Forget all arrivals of the sender's clock."""
         self._since_s = -math.inf
         self._current_s = math.inf
         self._previous_s = math.inf

@@ -152,7 +152,6 @@ class Header:
         return self._values[key]
 
     def _wrong(self, key: str, wanted: str) -> BadMessageError:
-        """Return the error that a header's value is of the wrong kind."""
         return BadMessageError(f"`{key}` must be {wanted}, is {self._values.get(key)!r:.80}")
 
 

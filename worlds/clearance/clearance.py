@@ -181,7 +181,6 @@ class _Stretch:
         self._travels: dict[tuple[int, float, float], Travel] = {}
 
     def time_s(self, fraction: float) -> float:
-        """Return the time at a fraction of the swept stretch."""
         return self.t_0_s + (self.t_1_s - self.t_0_s) * fraction
 
     def pose_of(self, body: RigidBody, t_s: float) -> Pose:
@@ -352,7 +351,6 @@ class _Sweep:
         return here.gap.distance_m + change_m >= enough_m
 
     def _sample(self, part: PartSolid, fraction: float) -> _Sample:
-        """Return the clearance sample of a part at a fraction of the sweep."""
         pose = self._seen_at(fraction)
         return _Sample(fraction, pose, self._body.gap(pose, part))
 
@@ -384,5 +382,4 @@ class _Sweep:
 
 
 def _bound(bounded: tuple[float, PartSolid]) -> float:
-    """Return the lower bound of a part's clearance, to sort by."""
     return bounded[0]

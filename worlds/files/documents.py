@@ -127,7 +127,6 @@ class Document:
         return entry.key if key or rest else entry.node.place
 
     def _reach(self, path: Path) -> tuple[Entry, Path]:
-        """Return the document's deepest entry on a path, and the rest of the path."""
         entry = Entry(self.root.place, self.root)
         for index, step in enumerate(path):
             value = entry.node.value
@@ -141,7 +140,6 @@ class Document:
 
 
 def _replace_value(node: Node, steps: tuple[str, ...], entry: Entry, dotted_key: str) -> Node:
-    """Return a document's node in which the value at the remaining steps is replaced."""
     step, rest = steps[0], steps[1:]
     value = {} if node.value is None else node.value
     if isinstance(value, tuple):

@@ -90,7 +90,6 @@ def _sibling(path: Path) -> str:
 
 
 def _is_own(value: object, module: ModuleType) -> bool:
-    """Return whether a referenced value was defined in the user's own module."""
     return callable(value) and getattr(value, "__module__", None) == module.__name__
 
 

@@ -109,7 +109,6 @@ class UserFolder:
         return bare if bare and _is_unknown(top) else None
 
     def _keep_imported(self, name: str, fromlist: Sequence[str]) -> None:
-        """Keep the files of modules that may have been imported before, by somebody else."""
         parts = name.split(".")
         names = [".".join(parts[: end + 1]) for end in range(len(parts))]
         for one in (*names, *(f"{name}.{attribute}" for attribute in fromlist)):

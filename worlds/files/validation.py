@@ -181,7 +181,6 @@ def _either(words: Iterable[str]) -> str:
 
 
 def _fault(path: Path, detail: ErrorDetails, model: type[BaseModel], value: Data) -> Fault:
-    """Return the fault of a validation error in the terms of the file."""
     kind, context = detail["type"], detail.get("ctx", {})
     cause = context.get("error")
     if kind in {"missing", "union_tag_not_found"}:
@@ -282,7 +281,6 @@ def _quote(expected: str) -> list[str]:
 
 
 def _unknown_key(path: Path, known: list[str]) -> Fault:
-    """Return the fault of an unknown key, with the key probably meant."""
     meant = closest(str(path[-1]), known)
     message = f"unknown key '{path[-1]}'"
     if not meant and known:

@@ -98,7 +98,6 @@ def sequence_node(items: tuple[Node, ...], place: Place) -> Node:
 def _check_size(
     value: dict[str, Entry] | tuple[Node, ...], children: list[Node], place: Place
 ) -> Node:
-    """Return a YAML node with its size and height counted from its children."""
     size = 1 + sum(child.size for child in children)
     return Node(value, place, size, 1 + max((child.height for child in children), default=0))
 
@@ -137,7 +136,7 @@ def _parse_with_messages(text: str, source: Source) -> Node | None:
     try:
         root = builder.document()
     except yaml.MarkedYAMLError as error:
-        builder.problems.append(_syntax_problem(error, source))
+        builder.problems.append(_syntax_problem(error, source, text))
     except yaml.reader.ReaderError as error:
         before = text[: error.position]
         column = error.position - (before.rfind("\n") + 1) + 1
@@ -154,12 +153,19 @@ _parse_cached = lru_cache(maxsize=_CACHED_TEXTS)(_parse)
 """A campaign names the same world and the same profiles in every case."""
 
 
-def _syntax_problem(error: yaml.MarkedYAMLError, source: Source) -> Problem:
-    """Return the problem of a YAML syntax error."""
+def _syntax_problem(error: yaml.MarkedYAMLError, source: Source, text: str) -> Problem:
+    begun = error.context_mark
+    if begun is not None and error.problem == _NO_COLON:
+        # The scanner notices it at the next key: the place is where this one begins.
+        line = text[text.rfind("\n", 0, begun.index) + 1 :].partition("\n")[0].strip()
+        return Place(source, begun.line + 1, begun.column + 1).problem(f"'{line}' needs a ':'")
     mark = error.problem_mark or error.context_mark
     place = Place(source, mark.line + 1, mark.column + 1) if mark else Place(source)
     parts = [part for part in (error.context, error.problem) if part]
     return place.problem("not YAML: " + ", ".join(parts))
+
+
+_NO_COLON = "could not find expected ':'"
 
 
 class _Builder:
@@ -188,11 +194,9 @@ class _Builder:
         return root
 
     def _note(self, event: Any, message: str, suggestion: str = "") -> None:
-        """Note a problem at a YAML event."""
         self.problems.append(self._place(event).problem(message, suggestion))
 
     def _place(self, event: Any) -> Place:
-        """Return the place of a YAML event."""
         mark = event.start_mark
         return Place(self._source, mark.line + 1, mark.column + 1)
 
@@ -241,7 +245,6 @@ class _Builder:
         return Node(None, self._place(event))
 
     def _sequence(self, start: Any, depth: int) -> Node:
-        """Return the node of a YAML sequence."""
         items: list[Node] = []
         self._flows += bool(start.flow_style)
         while not isinstance(event := next(self._events), yaml.SequenceEndEvent):
@@ -287,7 +290,6 @@ class _Builder:
         return None
 
     def _scalar(self, event: Any) -> Node:
-        """Return the node of a YAML scalar."""
         place = self._place(event)
         text = str(event.value)
         # In braces, brackets, and where it is the whole document.

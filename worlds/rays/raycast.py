@@ -106,7 +106,6 @@ class _Group:
 
 
 def _plane_ranges(corners: FloatArray, origin_m: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return the ranges of rays from a place to the planes of triangles."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     above = np.einsum("ij,ij->i", normals, corners[:, 0] - origin_m)
     slope = np.einsum("ij,ij->i", normals, directions)

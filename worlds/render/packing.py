@@ -139,7 +139,6 @@ def _ranges(counts: Sequence[int]) -> np.ndarray:
 
 
 def _stack(arrays: Sequence[np.ndarray], columns: int, dtype: type) -> np.ndarray:
-    """Pack arrays below each other into one of a type."""
     if not arrays:
         return np.zeros((0, columns) if columns else 0, dtype)
     return np.ascontiguousarray(np.concatenate(arrays), dtype)

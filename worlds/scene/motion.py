@@ -248,7 +248,6 @@ class Motion:
 def _legs(
     begin: Pose, waypoints: tuple[Waypoint, ...], acceleration_m_s2: float | None, *, loop: bool
 ) -> tuple[Leg, ...]:
-    """Return the legs of a motion through waypoints, back to the begin for a loop."""
     legs: list[Leg] = []
     at, begin_s = begin, 0.0
     for speed_m_s, end in _route(begin, waypoints, loop=loop):

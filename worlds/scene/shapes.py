@@ -287,7 +287,6 @@ class _Side:
     repeat_m: float
 
     def mesh(self) -> Mesh:
-        """Return the textured mesh of a room's side."""
         across = 2.0 * math.hypot(*self.right_m) / self.repeat_m
         along = 2.0 * math.hypot(*self.up_m) / self.repeat_m
         material = Material((255, 255, 255), self.texture)

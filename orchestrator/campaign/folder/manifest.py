@@ -66,7 +66,6 @@ def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str,
 
 
 def _digests(files: set[Path], campaign: Campaign) -> dict[str, str]:
-    """Return the SHA-256 of files, by their paths relative to the campaign file."""
     home = campaign.document.path.resolve().parent
     paths = sorted({path.resolve() for path in files})
     return {os.path.relpath(path, home): file_digest(path) for path in paths}
@@ -201,7 +200,6 @@ def _runs(campaign: Campaign) -> list[dict[str, object]]:
 
 
 def _files_by_case(campaign: Campaign) -> dict[str, CaseFiles]:
-    """Return the files of each case and control."""
     return {run.case: run.files for run in campaign.plans}
 
 

@@ -64,7 +64,6 @@ def _names(value: Data) -> Iterator[str]:
 
 
 def _files_of(name: str, beside: Path) -> Iterator[Path]:
-    """Yield the existing files that a text names."""
     with suppress(OSError, ValueError, RuntimeError):  # a text that is no path at all
         path = _expanded(Path(name), beside)
         if is_file(path):

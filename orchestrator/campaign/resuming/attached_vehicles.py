@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from wil_campaign.campaigns.expansion.composition import is_composition
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.case_setup import Setup
@@ -111,7 +112,12 @@ def attached_vehicles(campaign: Campaign) -> tuple[FlownSetup, ...]:
 
 
 def with_open_poses(campaign: Campaign) -> tuple[str, ...]:
-    """Return the vehicles whose pose source the campaign leaves open in each of its cases."""
+    """Return the vehicles whose pose source the campaign leaves open in each of its cases.
+
+    None of a composition: a setting holds for all of its parts, which may lack the vehicle.
+    """
+    if is_composition(campaign.document):
+        return ()
     flown = [one for setup, mode in planned_setups(campaign) for one in setup.flown_in(mode)]
     given = {one.name for one in flown if not _leaves_poses_open(one)}
     return tuple(dict.fromkeys(one.name for one in flown if one.name not in given))

@@ -7,8 +7,7 @@ from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
 from wil_campaign.orchestrator.model.attempts import failed_too
-from wil_campaign.orchestrator.model.control_results import control_result
-from wil_campaign.orchestrator.model.results import RunResult, SyncResult, also_of
+from wil_campaign.orchestrator.model.results import RunResult, result_without_parts
 from wil_campaign.orchestrator.model.run_log import read_cut_log
 from wil_campaign.safety.model.verdict import DecisiveEvent, decide
 
@@ -76,28 +75,7 @@ def lost_result(plan: RunPlan, lost: WorkerLost, folder: Path) -> RunResult:
     if flew and not is_subject and not no_retry:
         no_retry = "its process ended after the goal was given, with the autonomy in it"
     faults = [one.text for one in log.decisive if one.source == "exception"]
-    return RunResult(
-        case=plan.case,
-        mode=plan.mode,
-        rep=plan.repetition,
-        seed=plan.seed,
-        verdict=decision.verdict,
-        reason=decision.reason,
-        also=also_of(decision),
-        required=plan.required,
-        duration_s=None,
-        wall_s=0.0,
-        oracles=(),
-        sync=SyncResult(),
-        mixing=None,
-        control=control_result(
-            plan.control,
-            verdict=decision.verdict,
-            reason=decision.reason,
-            decided_by=decision.source,
-            subject="twin" if plan.mode == "sim" else "real",
-        ),
-        decided_by=decision.source,
-        exceptions=(*faults, lost.fault.text) if lost.details else tuple(faults),
-        no_retry=no_retry,
+    exceptions = (*faults, lost.fault.text) if lost.details else tuple(faults)
+    return result_without_parts(
+        plan, decision, wall_s=0.0, exceptions=exceptions, no_retry=no_retry
     )

@@ -167,7 +167,6 @@ class _Resumption:
                 raise ResumeError(f"--again {name}: {why}; such a run is not flown again")
 
     def _is_flown_again(self, plan: RunPlan, result: RunResult) -> bool:
-        """Return whether a run that has a result is flown again."""
         if plan.name in self.rules.again:
             return True
         # After Ctrl-C or the death of its parent, a run was not flown to its end.

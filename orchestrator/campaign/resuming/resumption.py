@@ -86,7 +86,6 @@ def _different_runs(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterat
 
 
 def _values_text(values: object) -> str:
-    """Return an option's values in words."""
     return " and ".join(map(str, values)) if isinstance(values, list) and values else "not given"
 
 

@@ -64,7 +64,6 @@ def limited_loading(limit_s: float = LONGEST_LOADING_S) -> Iterator[None]:
 
 
 def _has_stderr() -> bool:
-    """Return whether there is a stderr that faulthandler can write to."""
     try:
         sys.stderr.fileno()
     except (AttributeError, OSError, ValueError):

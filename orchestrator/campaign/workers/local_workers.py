@@ -62,7 +62,6 @@ class _SentDescriptor:
 
 
 def _receive_descriptor(descriptor: Any) -> _SentDescriptor:
-    """Return the pool's descriptor in a worker."""
     return _SentDescriptor(descriptor.detach())
 
 
@@ -166,7 +165,6 @@ def _first_order(connection: Connection) -> Any:  # of the type that `fly` takes
 
 
 def _lost_by_exception(error: BaseException) -> WorkerLost:
-    """Return the loss of a run by an exception."""
     kind = type(error).__name__
     return WorkerLost(f"{kind}: {error}", traceback.format_exc(), kind)
 
@@ -339,7 +337,6 @@ async def await_message(connection: Connection) -> None:
 
 
 def _kill_started(starting: "asyncio.Future[LocalWorker[Any, Any]]") -> None:
-    """Kill a worker process whose start was cancelled."""
     if not starting.cancelled() and starting.exception() is None:
         starting.result().kill()
 

@@ -100,7 +100,6 @@ def _listening_paths() -> Iterator[Path]:
 
 
 def _is_socket(descriptor: int) -> bool:
-    """Return whether a descriptor is an open socket."""
     try:
         return stat.S_ISSOCK(os.fstat(descriptor).st_mode)
     except OSError:

@@ -199,7 +199,6 @@ class Pool(Generic[Order, Outcome]):
             self._ended_badly(ended)
 
     def _note_waiting(self, waiting: "deque[Order]") -> None:
-        """Record whether an order still waits for a worker."""
         if self._stopped is None and waiting:
             self._needless.clear()
         else:
@@ -256,5 +255,4 @@ class Pool(Generic[Order, Outcome]):
 
 
 def _is_for(command: OperatorCommand, place: FlightPlace) -> bool:
-    """Return whether an operator's command addresses a place."""
     return place.is_meant(node=command.node, bench=command.bench)

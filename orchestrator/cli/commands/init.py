@@ -8,9 +8,15 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wil_campaign.hooks import starters
+from wil_campaign.hooks import starter_options, starters
 from wil_campaign.installed_plugins import absent, added, load
 from wil_campaign.orchestrator.cli.commands.schema import schema_texts
+from wil_campaign.orchestrator.cli.plugin_options import (
+    NO_OPTIONS,
+    PluginOptions,
+    given,
+    takes_options,
+)
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.installation import pip_requirement, program_text
 from wil_campaign.orchestrator.model.document_writer import write_whole
@@ -42,12 +48,14 @@ _LOG = "log"
 """The starter for --from."""
 
 
+@takes_options(starter_options, "kinds", bool)
 def init(
     name: str,
     *,
     folder: Annotated[Path | None, Parameter(name="--in")] = None,
     from_: Annotated[Path | None, Parameter(name="--from")] = None,
     profile: Annotated[bool, Parameter(negative=())] = False,
+    kinds: PluginOptions = NO_OPTIONS,
 ) -> int:
     """Write a campaign that is ready to fly: campaign, world, recipe, autonomy, CI workflow.
 
@@ -68,19 +76,11 @@ def init(
     profile
         With --from: write the vehicle's profile, too, as far as the log states it.
     """
-    if profile and from_ is None:
-        err("--profile is made from a log: give --from LOG")
-        return 2
-    if not _NAME.fullmatch(name):
-        err(
-            printable(f"'{name}' becomes a folder: use up to 64 of A-Z a-z 0-9 . _ - and begin ")
-            + "with one of the letters or digits"
-        )
+    if fault := _fault_of(name, from_, kinds, profile=profile):
+        err(fault)
         return 2
     place = Path(name) if folder is None else folder
-    texts = _template(name) if from_ is None else _from_log(from_, name, profile=profile)
-    if not texts:
-        return 2
+    texts = _template(name, kinds) if from_ is None else _from_log(from_, name, profile=profile)
     texts |= {f"{_SCHEMAS}/{file}": text for file, text in schema_texts().items()}
     if there := [one for one in texts if (place / one).exists()]:
         err(printable(f"{place} has {', '.join(there)} already; nothing was written"))
@@ -105,16 +105,34 @@ def init(
     return 0
 
 
-def _template(name: str) -> dict[str, str]:
+def _fault_of(name: str, log: Path | None, kinds: PluginOptions, *, profile: bool) -> str:
+    """Return why nothing can be written as it is asked for; "" where it can."""
+    if profile and log is None:
+        return "--profile is made from a log: give --from LOG"
+    for kind in given(kinds):
+        if why := absent(starter_options).get(kind):
+            return why
+        if log is not None:
+            return f"--from {log} and --{kind}: one start at a time"
+    if log is not None and (why := absent(starters).get(_LOG)):
+        return f"--from: {why}"
+    if _NAME.fullmatch(name):
+        return ""
+    return printable(f"'{name}' becomes a folder: use up to 64 of A-Z a-z 0-9 . _ - and begin ") + (
+        "with one of the letters or digits"
+    )
+
+
+def _template(name: str, kinds: PluginOptions) -> dict[str, str]:
     """Return the texts of the template's files, by name."""
-    return {target: _filled(source, name) for source, target in _FILES.items()}
+    texts = {target: _filled(source, name) for source, target in _FILES.items()}
+    for kind in given(kinds):
+        texts = load(added(starter_options)[kind].files)(texts)
+    return texts
 
 
 def _from_log(log: Path, name: str, *, profile: bool) -> dict[str, str]:
-    """Return the texts of a campaign's files from a log; empty where the plugin is absent."""
-    if why := absent(starters).get(_LOG):
-        err(f"--from: {why}")
-        return {}
+    """Return the texts of a campaign's files from a log."""
     texts: dict[str, str] = load(added(starters)[_LOG].files)(log, name, profile=profile)
     return texts
 

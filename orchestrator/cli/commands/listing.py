@@ -62,7 +62,6 @@ def list_available(
 
 
 def _campaigns() -> list[Row]:
-    """Return the listing of campaigns in the folder and of shipped ones."""
     folders = (Path("campaigns"), Path(campaigns.__file__).parent)
     files = {path.resolve(): path for folder in reversed(folders) for path in folder.glob("*.yaml")}
     return [_campaign(path) for path in sorted(files.values())]
@@ -79,22 +78,18 @@ def _campaign(path: Path) -> Row:
 
 
 def _operators() -> list[Row]:
-    """Return the listing of recipe steps."""
     return [asdict(describe_step(kind)) for kind in steps()]
 
 
 def _autonomies() -> list[Row]:
-    """Return the listing of shipped autonomies."""
     return [{"name": each.name, "summary": each.summary} for each in shipped_autonomies()]
 
 
 def _oracle_rows() -> list[Row]:
-    """Return the listing of oracles."""
     return [asdict(describe_oracles(spec)) for _, spec in sorted(oracle_kinds().items())]
 
 
 def _signals() -> list[Row]:
-    """Return the listing of STL signals."""
     return [
         {"name": name, "unit": unit or "true or false", "meaning": meaning}
         for kind in oracle_kinds().values()
@@ -103,7 +98,6 @@ def _signals() -> list[Row]:
 
 
 def _sensors() -> list[Row]:
-    """Return the listing of the types of sensors."""
     return [
         {
             "name": name,
@@ -115,7 +109,6 @@ def _sensors() -> list[Row]:
 
 
 def _plugins() -> list[Row]:
-    """Return the listing of plugins."""
     return [
         {
             "name": each.name,
@@ -129,7 +122,6 @@ def _plugins() -> list[Row]:
 
 
 def _oracle_text() -> str:
-    """Return the listing of oracles as text, with their and the common parameters."""
     lines: list[str] = []
     for _, spec in sorted(oracle_kinds().items()):
         doc = describe_oracles(spec)
@@ -157,12 +149,10 @@ def _step_lines(doc: StepDoc) -> list[str]:
 
 
 def _wrap_lines(text: str) -> list[str]:
-    """Return a text of the listing wrapped and indented."""
     return wrap(text, _WIDTH, initial_indent="    ", subsequent_indent="    ")
 
 
 def _parameter_lines(parameters: tuple[ParameterDoc, ...]) -> list[str]:
-    """Return the listing of a step's parameters, one line each."""
     return _align_columns(
         [
             (
@@ -177,7 +167,6 @@ def _parameter_lines(parameters: tuple[ParameterDoc, ...]) -> list[str]:
 
 
 def _align_columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Return the listing's rows with aligned columns, except the last."""
     if not rows:
         return []
     last = len(rows[0]) - 1

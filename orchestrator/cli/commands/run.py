@@ -100,7 +100,6 @@ def run(
 
 
 def _key_sets(keys: PluginOptions) -> list[str]:
-    """Return the options of plugins that set keys as overrides of the run."""
     known = added(run_options)
     return [f"{known[name].key}={value}" for name, value in given(keys).items()]
 

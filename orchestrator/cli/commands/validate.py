@@ -125,7 +125,6 @@ def bench_summary(bench: Bench) -> str:
 
 
 def _summary(campaign: Campaign) -> str:
-    """Return the summary line of a valid campaign."""
     required = sum(run.required for run in campaign.runs)
     sizes = (
         count_text(len(campaign.cases), "case"),

@@ -79,7 +79,6 @@ class RecordStream:
             self.end = End(whole=False, read_bytes=begin, reason=reason)
 
     def _footer(self, file: IO[bytes], begin: int) -> End:
-        """Return the end of an MCAP file after its footer."""
         if file.read(len(MAGIC)) == MAGIC:
             return End(whole=True, read_bytes=file.tell())
         return End(whole=False, read_bytes=begin, reason=f"cut after byte {begin}")

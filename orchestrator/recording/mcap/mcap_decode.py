@@ -73,7 +73,6 @@ def _times(wil: Json) -> tuple[float, float, int, Source]:
 
 
 def _intrinsics(value: Json) -> Intrinsics:
-    """Decode a camera's intrinsics."""
     return Intrinsics(
         width_px=value["width_px"],
         height_px=value["height_px"],
@@ -94,7 +93,6 @@ def _camera_pose(value: Json) -> Pose | None:
 
 
 def _camera(document: Json, parts: Parts) -> CameraReading:
-    """Decode a camera reading."""
     wil = document["wil"]
     return CameraReading(
         *_times(wil),
@@ -108,7 +106,6 @@ def _camera(document: Json, parts: Parts) -> CameraReading:
 
 
 def _depth(document: Json, parts: Parts) -> DepthReading:
-    """Decode a depth reading."""
     wil = document["wil"]
     return DepthReading(
         *_times(wil),
@@ -121,7 +118,6 @@ def _depth(document: Json, parts: Parts) -> DepthReading:
 
 
 def _scan(document: Json, _: Parts) -> LidarScanReading:
-    """Decode a lidar scan."""
     wil = document["wil"]
     ids = wil["object_ids"]
     return LidarScanReading(
@@ -137,7 +133,6 @@ def _scan(document: Json, _: Parts) -> LidarScanReading:
 
 
 def _points(document: Json, _: Parts) -> LidarPointsReading:
-    """Decode a point cloud."""
     stride = document["point_stride"]
     packed = np.frombuffer(bytes_of(document["data"]), np.uint8).reshape(-1, stride)
     points = np.ascontiguousarray(packed[:, :12]).view("<f4")
@@ -150,7 +145,6 @@ def _points(document: Json, _: Parts) -> LidarPointsReading:
 
 
 def _rangefinder(document: Json, _: Parts) -> RangefinderReading:
-    """Decode a rangefinder reading."""
     wil = document["wil"]
     return RangefinderReading(
         *_times(wil),
@@ -162,7 +156,6 @@ def _rangefinder(document: Json, _: Parts) -> RangefinderReading:
 
 
 def _gps(document: Json, _: Parts) -> GpsReading:
-    """Decode a GPS reading."""
     wil = document["wil"]
     return GpsReading(
         *_times(wil),
@@ -178,7 +171,6 @@ def _gps(document: Json, _: Parts) -> GpsReading:
 
 
 def _pose(document: Json, _: Parts) -> PoseReading:
-    """Decode a pose reading."""
     wil = document["wil"]
     t_s, arrived_s, seq, source = _times(wil)
     velocity = wil["velocity_ned_m_s"]
@@ -193,7 +185,6 @@ def _pose(document: Json, _: Parts) -> PoseReading:
 
 
 def _imu(document: Json, _: Parts) -> ImuReading:
-    """Decode an IMU reading."""
     force, rates = document["linear_acceleration"], document["angular_velocity"]
     return ImuReading(
         *_times(document["wil"]),
@@ -203,7 +194,6 @@ def _imu(document: Json, _: Parts) -> ImuReading:
 
 
 def _microphone(document: Json, _: Parts) -> MicrophoneReading:
-    """Decode a microphone reading."""
     wil = document["wil"]
     return MicrophoneReading(
         *_times(wil),

@@ -265,7 +265,6 @@ def _body_frame(reading: Reading) -> str:
 
 
 def _common(reading: Reading) -> dict[str, Json]:
-    """Return the fields that every encoded reading has."""
     named = {"sensor": reading.sensor} if reading.sensor else {}
     return {
         **named,

@@ -43,7 +43,6 @@ def encode(document: dict[str, Json], data: bytes | None = None) -> bytes:
 
 
 def _without_infinity(value: Json) -> Json:
-    """Return a JSON value with placeholders for infinities, and None for NaN."""
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else _INFINITE if value > 0 else _MINUS_INFINITE
     if isinstance(value, dict):

@@ -27,12 +27,10 @@ _BASE64: Schema = {"type": "string", "contentEncoding": "base64"}
 
 
 def _object(title: str, **properties: Schema) -> Schema:
-    """Return the JSON schema of an object."""
     return {"title": title, "type": "object", "properties": properties}
 
 
 def _array(items: Schema) -> Schema:
-    """Return the JSON schema of an array."""
     return {"type": "array", "items": items}
 
 

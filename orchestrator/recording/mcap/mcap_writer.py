@@ -307,7 +307,6 @@ class McapRecorder:
             self._file.write(message, schema)
 
     def _write_missing(self, t_s: float, why: str) -> None:
-        """Write to the MCAP file that a reading is missing."""
         message = self._encoder.event(t_s, "error", "recorder", why)
         self._run_guarded(lambda: self._append([message], None))
 

@@ -162,7 +162,7 @@ def deciding_oracle(result: RunResult) -> OracleResult | None:
     failed = (
         one
         for one in result.oracles
-        if not result.decided_by and one.required and one.verdict != "PASS"
+        if not result.decided_by and one.required and one.verdict == result.verdict != "PASS"
     )
     return next(named, None) or next(failed, None)
 
@@ -171,6 +171,8 @@ def _violated(result: RunResult, oracle: OracleResult | None) -> str:
     if oracle is not None:
         word = ": cannot be judged" if oracle.verdict == "INVALID" else ""
         return f"{oracle.name} of {oracle.vehicle}{word}"
+    if result.verdict == "ERROR" and not result.decided_by:
+        return result.bare_reason.partition(";")[0]
     source = f" ({result.decided_by})" if result.decided_by else ""
     return {
         "FAIL": f"the run failed{source}",
@@ -187,8 +189,10 @@ def _nearest_text(passed: NearestPass, goal_s: float | None) -> str:
 
 def _oracle_facts(oracle: OracleResult, formula: str, contact: str) -> list[tuple[str, str]]:
     kind = oracle_kinds().get(_COLLISION if oracle.name.startswith(_COLLISION) else oracle.name)
-    rule = NOTHING if kind is None else f"{oracle.vehicle} {kind.summary}"
     worst, limit = number_text(oracle.actual, oracle.unit), limit_text(oracle)
+    rule = NOTHING if kind is None else f"{oracle.vehicle} {kind.summary}"
+    if isinstance(oracle.limit, float):
+        rule = rule.replace("min_m", number_text(oracle.limit, oracle.unit))
     if worst == NOTHING != limit:
         worst = "not measured"
     found = [("rule", f"{formula} (seconds since its window opened)" if formula else rule)]

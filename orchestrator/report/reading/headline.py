@@ -9,6 +9,7 @@ from wil_campaign.orchestrator.report.reading.cause import NearestPass
 from wil_campaign.orchestrator.report.reading.distances import TimedPose
 from wil_campaign.orchestrator.report.words import number_text
 from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.worlds.figures import distinct_text
 
 _STILL_M = 0.3
 """A vehicle that stays within this distance of a place stands still: hover and drift."""
@@ -38,11 +39,22 @@ def headline_of(
     subject = _WORDS.get(oracle.vehicle, oracle.vehicle)
     if oracle.name.startswith("collision"):
         return f"{subject} {oracle.detail}{_when(at_s, stages)}{_at_speed(speed_m_s)}."
+    if oracle.name == "clearance" and oracle.actual is not None:
+        return f"{subject} {_near(oracle, oracle.actual, _when(at_s, stages))}."
     if oracle.name in _TARGETS:
         return f"{subject} {_missed(oracle, poses, stages, passed)}."
     if oracle.name == "geofence":
         return f"{subject} left its fence{_when(at_s, stages)}."
     return ""
+
+
+def _near(oracle: OracleResult, actual_m: float, crossed: str) -> str:
+    """Return how near a vehicle came at worst, and when it crossed the limit."""
+    limit_m = oracle.limit if isinstance(oracle.limit, int | float) else actual_m
+    near_m = distinct_text(actual_m, limit_m, digits=3)
+    when = f", crossed{crossed}" if crossed else ""
+    place = oracle.detail.removeprefix("closest to ").removeprefix("touched ")
+    return f"came within {near_m} m of {place} (limit {limit_m:g} m{when})"
 
 
 def _when(at_s: float | None, stages: Mapping[str, float]) -> str:

@@ -106,7 +106,6 @@ class _Picker:
         self._picked: dict[str, int] = {}
 
     def take(self, message: Message) -> None:
-        """Take the next message of the file."""
         channel = self.channels.get(message.channel_id)
         if channel is None:
             return

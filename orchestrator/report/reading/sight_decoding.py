@@ -166,7 +166,6 @@ def _range(value: Any) -> float | None:
 
 
 def _figures(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the figures of a mixture as texts."""
     found = []
     for title, key, unit in (
         ("exposure skew", "skew_ms", "ms"),

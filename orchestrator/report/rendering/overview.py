@@ -13,11 +13,11 @@ from wil_campaign.orchestrator.model.acceptance_texts import (
 )
 from wil_campaign.orchestrator.model.campaign_results import Summary
 from wil_campaign.orchestrator.model.caveats import caveats, synthesised_texts
-from wil_campaign.orchestrator.model.control_results import expected_text
+from wil_campaign.orchestrator.model.control_results import ended_text, expected_text
 from wil_campaign.orchestrator.model.exit_codes import standings_of
 from wil_campaign.orchestrator.model.results import RunResult, tightest_oracle
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
-from wil_campaign.orchestrator.report.words import MODES, NOTHING, number_text
+from wil_campaign.orchestrator.report.words import MODES, NOTHING, number_text, runs_text
 from wil_campaign.safety.model.oracle_results import EvidenceResult
 
 _CONTACT = frozenset({"collision", "collision_always", "clearance"})
@@ -218,7 +218,7 @@ def _evidence_texts(runs: Iterable[RunResult]) -> Iterator[str]:
     for vehicle, signals in groups.items():
         count = max(len(results) for results in signals.values())
         texts = [_signal_text(*key, results) for key, results in signals.items()]
-        yield f"{vehicle} in {count} runs, longest gap and its limit: {'; '.join(texts)}"
+        yield f"{vehicle} in {runs_text(count)}, longest gap and its limit: {'; '.join(texts)}"
 
 
 def _signal_text(signal: str, source: str, results: Sequence[EvidenceResult]) -> str:
@@ -226,7 +226,7 @@ def _signal_text(signal: str, source: str, results: Sequence[EvidenceResult]) ->
     bad = sum(one.verdict != "PASS" for one in results)
     by = f" ({source})" if source else ""
     text = f"{signal}{by} {number_text(worst.largest_gap_s)} of {number_text(worst.limit_s, 's')}"
-    return text + (f", NOT SUFFICIENT in {bad} runs" if bad else "")
+    return text + (f", NOT SUFFICIENT in {runs_text(bad)}" if bad else "")
 
 
 def _mixture_texts(runs: Iterable[RunResult]) -> Iterator[str]:
@@ -239,7 +239,7 @@ def _mixture_texts(runs: Iterable[RunResult]) -> Iterator[str]:
         for one in mixed
         if one.registration_error_px is not None and one.registration_error_px.p99 is not None
     ]
-    text = f"{frames} mixtures in {len(mixed)} runs, {dropped} with something left out"
+    text = f"{frames} mixtures in {runs_text(len(mixed))}, {dropped} with something left out"
     if errors:
         text += f"; registration error below {number_text(max(errors), 'px', 1)} in 99 % of each"
     yield text
@@ -256,7 +256,7 @@ def _control_texts(controls: Iterable[RunResult]) -> Iterator[str]:
         if run.control is not None:
             must = expected_text(run.control)
             not_met = "" if run.control.met else "NOT MET: "
-            yield f"{run.case} {run.mode} must end as {must}; {not_met}it ended as {run.verdict}"
+            yield f"{run.case} {run.mode} must {must}; {not_met}it {ended_text(run)}"
 
 
 def margin_text(run: RunResult | None) -> str:

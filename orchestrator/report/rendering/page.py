@@ -196,7 +196,6 @@ def _link(run: str, name: str | None) -> str | None:
 
 
 def _document_text(campaign: CampaignDocuments) -> str:
-    """Return the campaign file as flown."""
     document = campaign.manifest.get("document")
     if document is None:
         return ""

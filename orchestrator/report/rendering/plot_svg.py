@@ -151,7 +151,6 @@ def _level(values: Scale, value: float, kind: str, span: Point = (0.0, 1.0)) -> 
 
 
 def _limit_line(limit: PlotLimit, times: Scale, values: Scale, zero_s: float) -> Markup:
-    """Return a limit's line over the time in which it holds."""
     span = (0.0, 1.0)
     if limit.span_s is not None:
         first, last = (times.share(t_s - zero_s) for t_s in limit.span_s)
@@ -243,7 +242,6 @@ def _excess(curve: Curve, limit: PlotLimit, times: Scale, values: Scale, zero_s:
 
 
 def _stretches_beyond(points: Sequence[Point], value: float, sign: float) -> Iterator[list[Point]]:
-    """Yield the stretches of a curve beyond a value, between its crossings."""
     stretch: list[Point] = []
     for one, other in itertools.pairwise(points):
         a, b = sign * (one[1] - value), sign * (other[1] - value)

@@ -41,7 +41,6 @@ def _ring_radii(far_m: float) -> Iterator[float]:
 
 
 def _dots(scan: Scan, scale: float, far_m: float) -> Iterator[Markup]:
-    """Yield the ends of the beams as dots."""
     ends = []
     for index, range_m in enumerate(scan.ranges_m):
         if range_m is None or range_m > far_m:

@@ -122,7 +122,6 @@ async def _restore(run: FlightParts) -> None:
 
 
 def _record_events(run: FlightParts, context: VehicleContext) -> None:
-    """Record a vehicle's events in the run."""
     context.driver.on_event(lambda event: run.recorder.vehicle_event(context.name, event))
 
 
@@ -144,7 +143,6 @@ async def _fly_stages(run: FlightParts) -> None:
 
 
 async def _fly_pair_stages(run: FlightParts) -> None:
-    """Fly the run's stages with the pair."""
     setup = run.setup
     await fly_together(
         run.pair.contexts,
@@ -175,8 +173,13 @@ def _take_guard_event(run: FlightParts, event: GuardEvent) -> None:
         name, text = autonomy
         run.run_state.decide("FAIL", text, t_s=event.t_s, source=f"autonomy/{name}")
     elif settled is not None:
-        text = settled.text + last_statustext(run.pair, event)
+        text = settled.text + _last_texts(run, event)
         run.run_state.decide(settled.kind, text, t_s=settled.t_s, source=settled.source)
+
+
+def _last_texts(run: FlightParts, event: GuardEvent) -> str:
+    armed_s = run.run_state.entered_s.get("arm")
+    return last_statustext(run.pair, event, armed_s=armed_s)
 
 
 def _holding_autonomy(run: FlightParts) -> tuple[str, str] | None:
@@ -192,7 +195,7 @@ def _drop_out(run: FlightParts, event: GuardEvent) -> None:
 
     Before the takeoff no flight can continue, and without its actor a run proves nothing.
     """
-    text = event.text + last_statustext(run.pair, event)
+    text = event.text + _last_texts(run, event)
     is_actor = any(one.name == event.vehicle for one in run.actors)
     if run.run_state.reached("takeoff") and not is_actor:
         run.run_state.drop_out(event.vehicle, text)

@@ -63,7 +63,6 @@ class MachineLateness:
         self.run_state.decide("INVALID", text, t_s=t_s, source="machine/clock", ends_flight=False)
 
     def _when(self, t_s: float) -> str:
-        """Return a time of the flight in words."""
         goal_s = self.run_state.entered_s.get("goal")
         if goal_s is None or t_s < goal_s:
             return " before the goal"

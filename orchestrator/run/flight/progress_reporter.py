@@ -117,7 +117,6 @@ class ProgressReporter:
 
 
 def _vehicle_progress(context: VehicleContext) -> VehicleProgress:
-    """Return the progress of one vehicle to report."""
     state, newest = context.driver.state, context.poses.latest()
     return VehicleProgress(
         name=context.name,

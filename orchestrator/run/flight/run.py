@@ -140,6 +140,7 @@ async def _fly_pair(ground: GroundParts, inbox: Inbox, disturb: Disturb | None) 
             text = "; ".join(external_io.disagreements)
             ground.run_state.decide("INVALID", text, source="simulator")
             return
+        ground.run_state.environment |= external_io.environment
         await _fly_in_world(ground, inbox, disturb)
 
 

@@ -154,7 +154,6 @@ class RunFeed:
 
 
 def _vehicle_view(context: VehicleContext, now_s: float) -> VehicleView:
-    """Return a vehicle of a run as the live feed shows it."""
     state = context.driver.state
     pose_t_s, pose = context.poses.sample_before(math.inf) or (None, None)
     estimate, battery = state.estimate, state.battery

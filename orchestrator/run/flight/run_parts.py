@@ -3,8 +3,9 @@
 import asyncio
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
+from typing import Any
 
 from wil_campaign.orchestrator.external.external_io import ExternalIo
 from wil_campaign.orchestrator.model.operator_command import Inbox
@@ -53,30 +54,6 @@ from wil_campaign.worlds.scene.track import RunHistory, Track
 
 
 @dataclass(slots=True, kw_only=True)
-class FlightParts:
-    """The parts of a run that its tasks share."""
-
-    setup: RunSetup
-    run_state: RunState
-    pair: Pair
-    oracle_runner: OracleRunner
-    external_io: ExternalIo
-    perception: Perception
-    recorder: RunRecorder
-    goal: GoalFlight
-    actors: tuple[ActorFlight, ...]
-    sync: Synchronisation
-    twin: TwinMonitor | None
-    operator_hold: OperatorHold
-    reporter: ProgressReporter
-    before_arming: BeforeArming
-    watchdog: Watchdog
-    operator_handler: OperatorHandler
-    feed: RunFeed
-    lateness: MachineLateness | None
-
-
-@dataclass(slots=True, kw_only=True)
 class GroundParts:
     """The parts of a run that exist before and after its vehicles.
 
@@ -99,6 +76,20 @@ class GroundParts:
     perception: Perception | None = None
     actors: tuple[ActorFlight, ...] = ()
     contexts: tuple[VehicleContext, ...] = ()
+
+
+@dataclass(slots=True, kw_only=True)
+class FlightParts(GroundParts):
+    """The parts of a run that its tasks share: those before its vehicles, and these."""
+
+    pair: Pair
+    perception: Perception
+    goal: GoalFlight
+    operator_hold: OperatorHold
+    before_arming: BeforeArming
+    watchdog: Watchdog
+    operator_handler: OperatorHandler
+    lateness: MachineLateness | None
 
 
 def ground_parts(
@@ -195,20 +186,13 @@ def flight_parts(
     operator_hold = OperatorHold(run_state=run_state)
     ground.actors = _actor_flights(ground, pair, operator_hold)
     before_arming = _before_arming(ground, pair)
+    there: dict[str, Any] = {one.name: getattr(ground, one.name) for one in fields(ground)}
+    there["perception"] = perception
     return FlightParts(
-        setup=setup,
-        run_state=run_state,
+        **there,
         pair=pair,
-        oracle_runner=ground.oracle_runner,
-        external_io=ground.external_io,
-        perception=perception,
-        recorder=recorder,
         goal=goal,
-        actors=ground.actors,
-        sync=sync,
-        twin=ground.twin,
         operator_hold=operator_hold,
-        reporter=ground.reporter,
         before_arming=before_arming,
         watchdog=Watchdog(
             run_state=run_state,
@@ -224,7 +208,6 @@ def flight_parts(
             inbox=inbox,
             onboard_fences=before_arming.configuration.fences,
         ),
-        feed=ground.feed,
         lateness=_lateness(setup, run_state),
     )
 

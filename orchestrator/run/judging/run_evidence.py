@@ -52,7 +52,6 @@ def signal_terms(setup: RunSetup, oracles: Iterable[Oracle]) -> Iterator[SignalT
 
 
 def _pose_terms(setup: RunSetup, vehicle: VehicleSetup, oracles: Iterable[Oracle]) -> SignalTerms:
-    """Return the evidence terms of a vehicle's pose."""
     source = vehicle.pose_source
     return SignalTerms(
         signal=POSE,
@@ -98,7 +97,6 @@ def _motion_terms(pose: SignalTerms, oracles: Iterable[Oracle]) -> Iterator[Sign
 
 
 def _report_terms(vehicle: VehicleSetup, oracles: Iterable[Oracle]) -> Iterator[SignalTerms]:
-    """Yield the evidence terms of a vehicle's state reports that its oracles judge."""
     using = [one for one in oracles if one.vehicle == vehicle.name]
     for report, rate_hz in _rates(vehicle.rates).items():
         windows = [one.terms.window for one in using if report in one.reports]
@@ -116,7 +114,6 @@ def _report_terms(vehicle: VehicleSetup, oracles: Iterable[Oracle]) -> Iterator[
 
 
 def _rates(rates: TelemetryRates) -> Mapping[ReportName, float]:
-    """Return the rates of a vehicle's reports, for the evidence."""
     return {
         "heartbeat": _HEARTBEAT_HZ,
         "landed_state": rates.state_hz,
@@ -150,11 +147,9 @@ def pair_gap_s(setup: RunSetup) -> float:
 
 
 def _accuracy(accuracy: PoseAccuracy) -> Accuracy:
-    """Return a pose source's accuracy for the evidence."""
     return Accuracy(accuracy.position_m, accuracy.velocity_m_s, accuracy.attitude_rad)
 
 
 def _rests_on_pose(oracle: Oracle, vehicle: str) -> bool:
-    """Return whether an oracle needs evidence of a vehicle's pose."""
     watches = type(oracle).on_pose is not Oracle.on_pose
     return oracle.required and watches and vehicle in oracle.watches

@@ -8,7 +8,6 @@ from wil_campaign.campaigns.setup.named_objects import named_objects
 from wil_campaign.orchestrator.external.external_io import ExternalIo
 from wil_campaign.orchestrator.model.arming_steps import ArmingStep
 from wil_campaign.orchestrator.model.attempts import failed_too
-from wil_campaign.orchestrator.model.control_results import ControlResult, control_result
 from wil_campaign.orchestrator.model.external_results import ExternalResult
 from wil_campaign.orchestrator.model.flown_firmware import FlownFirmware
 from wil_campaign.orchestrator.model.results import (
@@ -22,7 +21,9 @@ from wil_campaign.orchestrator.model.results import (
     SlowAutonomy,
     SyncResult,
     also_of,
+    control_of,
     percentiles,
+    result_without_parts,
     with_note,
 )
 from wil_campaign.orchestrator.model.twin_results import TwinResult
@@ -109,7 +110,7 @@ def result_of(
         not_judged=unjudged(
             setup.campaign.oracles, collision_always=setup.campaign.collision_always
         ),
-        control=_control_result(setup, decision),
+        control=control_of(plan, decision),
         exceptions=exceptions_of(run_state),
         twin=twin,
         losses=losses,
@@ -145,37 +146,9 @@ def broken_result(
     setup: RunSetup, run_state: RunState, *, end_s: float, wall_s: float
 ) -> RunResult:
     """Return the outcome of a run that an internal exception ended before it had any parts."""
-    plan = setup.order.plan
     decision = decide(run_state.decisive, (), end_s=end_s, completed=False)
-    return RunResult(
-        case=plan.case,
-        mode=plan.mode,
-        rep=plan.repetition,
-        seed=plan.seed,
-        verdict=decision.verdict,
-        reason=decision.reason,
-        also=also_of(decision),
-        required=plan.required,
-        duration_s=None,
-        wall_s=wall_s,
-        oracles=(),
-        sync=SyncResult(),
-        mixing=None,
-        decided_by=decision.source,
-        control=_control_result(setup, decision),
-        exceptions=exceptions_of(run_state),
-    )
-
-
-def _control_result(setup: RunSetup, decision: Decision) -> ControlResult | None:
-    """Return the control result of a run by its verdict; None where the run is no control."""
-    return control_result(
-        setup.order.plan.control,
-        verdict=decision.verdict,
-        reason=decision.reason,
-        decided_by=decision.source,
-        subject=setup.subject,
-    )
+    exceptions = exceptions_of(run_state)
+    return result_without_parts(setup.order.plan, decision, wall_s=wall_s, exceptions=exceptions)
 
 
 def exceptions_of(run_state: RunState) -> tuple[str, ...]:
@@ -265,7 +238,6 @@ def _moves(one: SceneObject, begin_s: float, end_s: float, events: Mapping[str, 
 
 
 def _combination_result(mixing: MixingLoop) -> CombinationResult:
-    """Return the run's result of one combination."""
     statistics, counts = mixing.statistics, mixing.mixer.counts()
     error = statistics.registration_error_px.percentiles()
     bound = statistics.registration_bound_px.percentiles()

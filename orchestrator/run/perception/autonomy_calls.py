@@ -131,7 +131,6 @@ def fault_beside_calls(error: BaseException, folders: Collection[Path]) -> Auton
 
 
 def _setpoint(value: object) -> Setpoint:
-    """Return the autonomy's setpoint, checked. Raises AutonomyFault."""
     match value:
         case VelocitySetpoint(velocity, yaw_rad, yaw_rate_rad_s):
             if yaw_rad is not None and yaw_rate_rad_s is not None:
@@ -163,7 +162,6 @@ def _optional(name: str, value: object) -> float | None:
 
 
 def _number(name: str, value: object) -> float:
-    """Return a number of the autonomy's setpoint. Raises AutonomyFault."""
     # float() takes digits in bytes, and False as 0: a yaw_rad of it would turn to the north.
     if isinstance(value, str | bytes | bytearray | bool | np.bool_):
         raise AutonomyFault(f"returned a setpoint whose {name} contains {_kind(value)}")
@@ -181,7 +179,6 @@ def _number(name: str, value: object) -> float:
 
 
 def _fault_of(error: Exception, text: str) -> AutonomyFault:
-    """Return the fault of an answer that raises when it is read."""
     return AutonomyFault(text, kind="ERROR" if isinstance(error, MemoryError) else "FAIL")
 
 

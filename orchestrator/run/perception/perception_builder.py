@@ -293,10 +293,8 @@ def _camera(reading: Reading | None) -> CameraReading | None:
 
 
 def _sensor_setup(vehicle: VehicleSetup, name: str) -> SensorSetup:
-    """Return a vehicle's sensor setup by its name."""
     return next(sensor for sensor in vehicle.sensors if sensor.name == name)
 
 
 def _rate_hz(sensor: SensorSetup) -> float:
-    """Return a sensor's rate for building perception."""
     return sensor.rate_hz or _MOCAP_HZ

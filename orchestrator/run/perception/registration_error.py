@@ -125,13 +125,11 @@ def no_accuracy_text(autopilot: Autopilot) -> str:
 
 
 def _camera_setup(vehicle: VehicleSetup, name: str) -> Pictured | None:
-    """Return the setup of a vehicle's camera whose registration is measured."""
     sensors = (one for one in vehicle.sensors if one.name == name)
     return next((one for one in sensors if isinstance(one, CameraSetup | DepthSetup)), None)
 
 
 def _image_source_name(camera: Pictured) -> ShownAs:
-    """Return the source of a camera's images as results name it."""
     source = camera.source if isinstance(camera, CameraSetup) else None
     return "rendered" if source is None else source.shown_as
 

@@ -92,7 +92,6 @@ def _coupled_runner(
 
 
 def _build_autonomy(setup: RunSetup, name: str, memory: MemoryMeter) -> Autonomy:
-    """Build the autonomy of a vehicle for its runner. Raises AutonomyFault."""
     under_test = setup.campaign.under_test
     try:
         built = call_autonomy(

@@ -6,7 +6,6 @@ Python prints such an error and goes on: an autonomy half of which is dead would
 import sys
 import threading
 from collections import deque
-from types import TracebackType
 from typing import Any, Self
 
 from wil_campaign.orchestrator.run.perception.autonomy_calls import (
@@ -26,10 +25,15 @@ def decide_stray(run_state: RunState, subject: str, error: BaseException, where:
 
 
 def decide_fault(run_state: RunState, vehicle: str, fault: AutonomyFault) -> None:
-    """Decide a run by a fault of a vehicle's autonomy: from its goal on it is a FAIL."""
+    """Decide a run by a fault of a vehicle's autonomy: from its goal on it is a FAIL.
+
+    A process that ended is told once: its end and the next call both find it.
+    """
     kind = "FAIL" if run_state.reached("goal") else fault.kind
-    reason = f"the autonomy of {vehicle} {fault}"
-    run_state.decide(kind, reason, source=f"autonomy/{vehicle}", trace=fault.trace)
+    reason, source = f"the autonomy of {vehicle} {fault}", f"autonomy/{vehicle}"
+    known = ((one.text, one.source) for one in run_state.decisive)
+    if fault.trace or (reason, source) not in known:
+        run_state.decide(kind, reason, source=source, trace=fault.trace)
 
 
 class StrayErrors:
@@ -49,12 +53,7 @@ class StrayErrors:
         sys.unraisablehook = self._on_unraisable
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         threading.excepthook, sys.unraisablehook = self._before
         self.decide()
 

@@ -192,5 +192,4 @@ def sought_objects(
 
 
 def _is_file(camera: CameraSetup) -> bool:
-    """Return whether a camera's images come from files."""
     return camera.source is not None and camera.source.shown_as == "file"

@@ -203,7 +203,6 @@ class ActorFlight:
         self.run_state.decide("INVALID", reason, source=f"actor/{self.name}")
 
     def _take(self, sample: PoseSample) -> None:
-        """Process a pose of the actor."""
         self._last = sample
         if self._delay_s is not None and not self.run_state.reached("land"):
             off_m = self._way.distance_m(sample.pose.position_ned_m)
@@ -211,7 +210,6 @@ class ActorFlight:
         self.report_pose(sample)
 
     async def _land(self) -> None:
-        """Land the actor where it is, if it is armed."""
         driver = self.context.driver
         if driver.state.armed:
             await driver.land()

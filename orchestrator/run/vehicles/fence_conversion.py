@@ -42,7 +42,6 @@ def onboard_fence_of(
 def _inclusion(
     areas: tuple[Area, ...], here_m: Point2, margin_m: float, locate: Locate
 ) -> Iterator[FenceArea]:
-    """Yield the onboard fence's inclusions, widened by the margin."""
     if len(areas) == 1 and isinstance(areas[0], Circle):
         yield _disc(areas[0], margin_m, inside=True, locate=locate)
         return
@@ -55,7 +54,6 @@ def _inclusion(
 
 
 def _exclusion(area: Area, margin_m: float, locate: Locate) -> Iterator[FenceArea]:
-    """Yield the onboard fence's exclusion of an area, shrunk by the margin."""
     if isinstance(area, Circle):
         if area.radius_m > margin_m:
             yield _disc(area, -margin_m, inside=False, locate=locate)
@@ -75,11 +73,9 @@ def _shape(area: Area) -> shapely.Polygon:
 
 
 def _closed_ring(ring: shapely.LinearRing, *, inside: bool, locate: Locate) -> FencePolygon[Place]:
-    """Return a ring of a converted fence as a polygon on Earth."""
     corners = [locate((north, east)) for north, east in list(ring.coords)[:-1]]
     return FencePolygon(tuple(corners), inside=inside)
 
 
 def _disc(circle: Circle, margin_m: float, *, inside: bool, locate: Locate) -> FenceCircle[Place]:
-    """Return a circle of a converted fence on Earth."""
     return FenceCircle(locate(circle.centre_m), circle.radius_m + margin_m, inside=inside)

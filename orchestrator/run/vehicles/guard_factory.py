@@ -102,7 +102,6 @@ def guard_of(
 
 
 def _lands_alone(setup: RunSetup, vehicle: FlownSetup) -> bool:
-    """Return whether the guard lands a vehicle alone when something happens to it."""
     return vehicle.name == setup.companion or vehicle in setup.actors
 
 

@@ -6,19 +6,21 @@ from wil_campaign.vehicles.driver.vehicle_state import StatusText
 
 _LAST_TEXTS = 4
 _FRESH_S = 2.0
-"""An older text may have another cause, as one of the preflight: its age is shown."""
+"""An older text may have another cause: its age is shown."""
 
 
-def last_statustext(pair: Pair, event: GuardEvent) -> str:
-    """Return the last texts of the vehicle of a guard event: lost, failsafe, landed alone."""
+def last_statustext(pair: Pair, event: GuardEvent, *, armed_s: float | None) -> str:
+    """Return the last texts of the vehicle of a guard event: lost, failsafe, landed alone.
+
+    armed_s: when the vehicles were to arm; texts of the preflight ended no flight.
+    """
     context = next(
         (one for one in (*pair.contexts, *pair.actors) if one.name == event.vehicle), None
     )
     if context is None or event.kind not in {"lost", "failsafe", "alone"}:
         return ""
-    texts = [
-        _with_age(statustext, event.t_s) for statustext in context.driver.state.texts[-_LAST_TEXTS:]
-    ]
+    recent = [one for one in context.driver.state.texts if armed_s is None or one.t_s >= armed_s]
+    texts = [_with_age(statustext, event.t_s) for statustext in recent[-_LAST_TEXTS:]]
     return f"; its last STATUSTEXT: {' | '.join(texts)}" if texts else ""
 
 

@@ -162,7 +162,6 @@ class OnboardFences:
     def _onboard_fence(
         self, context: VehicleContext, fence: Fence, here_m: Point2
     ) -> AutopilotFence:
-        """Return the onboard fence of an autopilot for a campaign's fence. Raises VehicleError."""
         wider = self._setup.campaign.preflight.fence
 
         def locate(point_m: Point2) -> Place:

@@ -124,7 +124,6 @@ async def open_pair(
 
 
 def _vehicle_context(setup: RunSetup, vehicle: FlownSetup, link: TappedLink) -> VehicleContext:
-    """Return the context of one vehicle of the run, with its driver."""
     driver = Driver(
         name=vehicle.name,
         link=link,
@@ -146,14 +145,12 @@ def _vehicle_context(setup: RunSetup, vehicle: FlownSetup, link: TappedLink) -> 
 
 
 def _clock_drift(setup: RunSetup, vehicle: FlownSetup) -> float:
-    """Return the clock drift that is tolerated of one vehicle of the run."""
     if setup.clock == "scaled":
         return _SCALED_CLOCK_DRIFT
     return _CLOCK_DRIFT if vehicle.embedded else _SIMULATED_CLOCK_DRIFT
 
 
 def _connect_vehicle(context: VehicleContext, feed: Feed, guard: Guard, *, truth_hz: float) -> None:
-    """Connect one vehicle's estimates and truth to its context and the guard."""
     context.driver.on_estimate(context.take_estimate)
     feed.on_truth(context.take_truth, truth_hz)
     context.on_pose(guard.position)

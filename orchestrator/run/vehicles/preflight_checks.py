@@ -156,7 +156,6 @@ class Preflight:
         return (*truth, *gps)
 
     def _truth_item(self, context: VehicleContext) -> Item:
-        """Return the preflight item of the ground truth that a vehicle is judged by."""
         # Not the rate of the poses: these begin with the anchor, which may be new.
         now_s = asyncio.get_running_loop().time()
         return ground_truth_item(

@@ -93,6 +93,7 @@ class InProcessBackend:
         embedded = EmbeddedVehicle(
             config=EmbeddedConfig(
                 autopilot=vehicle.autopilot,
+                physics=vehicle.physics,
                 profile=setup.profiles[vehicle.name],
                 source=_source_of(vehicle),
                 system_id=vehicle.system_id,
@@ -185,6 +186,7 @@ class SubprocessBackend:
         north_m, east_m, down_m = vehicle.start.position_ned_m
         return ProcessSettings(
             autopilot=vehicle.autopilot,
+            physics=vehicle.physics,
             link=f"udpout://127.0.0.1:{self._guard.port(vehicle.name)}",
             seed=vehicle_seed(setup.seed, vehicle.name),
             profile=vehicle.profile,

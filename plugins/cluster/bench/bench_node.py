@@ -104,7 +104,6 @@ def _require_joined(process: "subprocess.Popen[bytes]", address: str, output: in
 
 
 def _text_of(output: int) -> str:
-    """Return the output of a node so far."""
     return os.pread(output, 1_000_000, 0).decode(errors="replace")
 
 

@@ -143,7 +143,6 @@ class BenchServer:
         _shut(connection)
 
     def _with_file(self, message: NodeFacts) -> NodeFacts:
-        """Return the facts of a node with its bench's file."""
         document = self._bench.document
         lines = document.root.place.source.lines
         file = {TEXT: "\n".join(lines), FILE: str(document.path.absolute())}

@@ -103,7 +103,6 @@ def _whole_file(path: Path) -> Iterator[IO[bytes]]:
 
 
 def _report(file: Path, written: "WrittenBag") -> None:
-    """Say what was written, and what was not."""
     counts = written.counts
     out(f"written: {file}, {sum(counts.values())} messages on {len(counts)} topics")
     for topic, count in sorted(written.left_out.items()):

@@ -150,7 +150,6 @@ class _Writing:
         self.left_out: Counter[str] = Counter()
 
     def take(self, channel: Channel, message: Message) -> None:
-        """Write a message of the recording."""
         part = channel.metadata.get("part", "")
         if part not in {"reading", "event", "transform"}:
             return

@@ -91,7 +91,6 @@ def _admissible_count(
 
 
 def _cells(space: Space, shares: Sequence[float]) -> Iterable[_CellPair]:
-    """Yield the pairs of cells in which a point lies."""
     own = [cell_of(one, share) for one, share in zip(space.parameters, shares, strict=True)]
     if len(own) == 1:
         yield (0, own[0], 0, own[0])
@@ -102,7 +101,6 @@ def _cells(space: Space, shares: Sequence[float]) -> Iterable[_CellPair]:
 def _farthest(
     samples: Sequence[tuple[float, ...]], points: Sequence[tuple[float, ...]]
 ) -> tuple[tuple[float, ...] | None, float]:
-    """Return the sample that is farthest from all points, and its distance."""
     if not samples:
         return None, 0.0
     if not points:

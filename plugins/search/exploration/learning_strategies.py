@@ -111,7 +111,6 @@ class LearningStrategy:
 
 
 def _suggested(trial: Any, parameter: Parameter) -> ParameterValue:
-    """Return what a trial of optuna suggests for a parameter."""
     if parameter.choices:
         # Optuna treats True and 1 as the same choice, so that choices are given by index.
         every = list(range(len(parameter.choices)))

@@ -114,7 +114,6 @@ class SearchCampaign:
         )
 
     def _plan(self, flight: Flight, files: CaseFiles) -> RunPlan:
-        """Return a flight as a planned run."""
         seed = self.seed(flight)
         return RunPlan(
             campaign=self.campaign.name,

@@ -83,7 +83,6 @@ class _Reader:
         self._problems: list[Problem] = []
 
     def read(self) -> SearchCampaign:
-        """Return the search with its campaign. Raises BadInput."""
         document = without_search(_without_bench(self._campaign))
         case = self._case()
         own = () if case is None else overrides_of_case(document, case)
@@ -303,7 +302,6 @@ def _kind_of(parameter: Parameter) -> SignalKind:
 
 
 def _is_at(problem: Problem, place: Place) -> bool:
-    """Return whether a problem is at a place of the campaign file."""
     return (problem.file, problem.line, problem.column) == (
         place.source.name,
         place.line,

@@ -82,7 +82,6 @@ class _Count:
     largest_share: float = 0.0
 
     def add(self, view: SensedView, *, number: int, failed: bool) -> None:
-        """Count a view of a flight."""
         self.flights += 1
         self.seen += view.nearest_m is not None
         if not (self.cells.keys() >= set(view.cells) and self.reduced >= set(view.reduced)):

@@ -33,7 +33,6 @@ def sensed_panels(coverages: tuple[SensedCoverage, ...]) -> list[SensedPanel]:
 
 
 def _text(one: SensedCoverage) -> str:
-    """Return a coverage's figures."""
     if not one.seen:
         return f"seen in none of {one.flights} flights"
     near = "" if one.nearest_m is None else f", as near as {one.nearest_m:.2f} m"

@@ -144,7 +144,6 @@ def _file_differences(
 
 
 def _all_names(*files: Iterable[str]) -> Iterator[str]:
-    """Yield each name once, in order."""
     yield from dict.fromkeys(name for each in files for name in each)
 
 

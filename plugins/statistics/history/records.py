@@ -156,7 +156,6 @@ def _inputs(campaign: CampaignDocuments, entry: RunEntry) -> str:
 
 
 def _firmware_inputs(one: FlownFirmware) -> list[object]:
-    """Return what of a vehicle's firmware are inputs of a flight."""
     return [one.vehicle, *one.kind, one.parameters, one.unit]
 
 
@@ -168,7 +167,6 @@ def _firmware_text(run: RunResult) -> str:
 
 
 def _documents(campaign: CampaignDocuments, entry: RunEntry) -> list[object]:
-    """Return the digest of a run's documents, as its manifest has it."""
     runs = campaign.manifest.get("runs")
     return [
         run.get("documents")

@@ -111,7 +111,6 @@ class MedianParameters(SidedParameters):
     @field_validator("window")
     @classmethod
     def _odd(cls, window: int) -> int:
-        """Refuse an even window of the median filter."""
         if window % 2 == 0:
             raise ValueError("must be odd")
         return window
@@ -149,7 +148,6 @@ class _Median:
         return Masked(self._of(work.reading), work.mask)
 
     def _of(self, reading: Any) -> Reading:
-        """Return a reading with its outliers replaced by the median around them."""
         match reading:
             case CameraReading():
                 return replace(reading, image_bgr=cv2.medianBlur(reading.image_bgr, self._window))

@@ -151,7 +151,6 @@ def _rule(parameters: ReplaceParameters, sides: Sides) -> _Rule:
 
 
 def _condition(part: ConditionPart, sides: Sides) -> bool | Bools:
-    """Return where a replacement's condition holds in a side's reading."""
     reading = sides[part.of].reading
     values = quantities_of(sensor_type_of(reading))[part.what](reading)
     if values is None:

@@ -50,7 +50,6 @@ class _Memory:
         return self._readings[-1] if self._readings else None
 
     def around(self, t_s: float) -> tuple[Reading | None, Reading | None]:
-        """Return the last reading at or before a time, and the first at or after it."""
         before, after = bisect_right(self._times, t_s), bisect_left(self._times, t_s)
         return (
             self._readings[before - 1] if before else None,
@@ -78,7 +77,6 @@ class _Remembering(TimedOperator):
         return reading
 
     def _remember(self, reading: Reading) -> _Memory:
-        """Return the timing memory with the reading added."""
         if self._memory is None:
             self._memory = _memory(reading, self._span_s, self._kept_big)
         self._memory.add(reading)

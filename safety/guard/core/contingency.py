@@ -120,7 +120,6 @@ class _Step:
 
 
 def _holds(v: _View) -> bool:
-    """Return whether the vehicle of a contingency holds its place."""
     slow = v.facts.speed_m_s is not None and v.facts.speed_m_s < v.plan.still_m_s
     return v.facts.mode is Mode.HOLD and (slow or v.elapsed_s >= v.plan.settle_s)
 
@@ -132,17 +131,14 @@ def _own_failsafe(v: _View) -> bool:
 
 
 def _lands_already(v: _View) -> bool:
-    """Return whether the vehicle of a contingency is landing already."""
     return v.facts.mode is Mode.LAND
 
 
 def _has_landed(v: _View) -> bool:
-    """Return whether the vehicle of a contingency is on the ground."""
     return v.facts.landed is True
 
 
 def _has_left_landing(v: _View) -> bool:
-    """Return whether the vehicle left the landing mode of its contingency."""
     return v.facts.mode not in {v.landing, Mode.LAND}
 
 

@@ -157,8 +157,6 @@ class SetpointLimiter:
         return scale(velocity, part)
 
     def _part_inside(self, fence: Fence, place: Vec3, velocity: Vec3) -> float:
-        """Return which part of a velocity setpoint can be braked before the fence."""
-
         def leaves(part: float) -> bool:
             asked = scale(velocity, part)
             return (

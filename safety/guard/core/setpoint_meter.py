@@ -86,12 +86,10 @@ class SetpointMeter:
 
 
 def _excess_of(limiting: LimitReport) -> float:
-    """Return by how much a setpoint exceeded its limit."""
     return abs(limiting.asked - limiting.given)
 
 
 def _report_text(limiting: LimitReport) -> str:
-    """Return a setpoint limit that took effect as text."""
     if not limiting.unit:
         return f"{limiting.what} is not forwarded"
     asked = "any" if math.isinf(limiting.asked) else f"{limiting.asked:.2f}"

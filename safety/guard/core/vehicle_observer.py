@@ -59,7 +59,6 @@ class _Ground:
             self._left = True
 
     def is_low(self, up_m: float) -> bool:
-        """Return whether a height is one at which the vehicle may stand."""
         return self._up_m is not None and abs(up_m - self._up_m) <= _RISEN_M
 
 

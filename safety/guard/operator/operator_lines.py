@@ -59,7 +59,6 @@ def parse_line(line: bytes, *, token: str = "") -> OperatorCommand | Query:
 
 
 def _command(kind: OperatorKind, who: str, request: Mapping[str, Any]) -> OperatorCommand:
-    """Return the operator command of a parsed line. Raises RefusedLineError."""
     if kind != "geofence":
         node, bench = request.get("node", ""), request.get("bench", "")
         if not isinstance(node, str) or not isinstance(bench, str):

@@ -8,7 +8,7 @@ from wil_campaign.safety.guard.process.channel import LONGEST_PACKET_BYTES, Chan
 from wil_campaign.safety.guard.process.messages import Bytes, Unread
 from wil_campaign.vehicles.autopilots.autopilot import Target
 from wil_campaign.vehicles.driver.session.arrivals import Arrivals
-from wil_campaign.vehicles.links.link import Receiver, TimesReceiver
+from wil_campaign.vehicles.links.link import ReceivingLink, TimesReceiver
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter
 from wil_campaign.vehicles.processes.codec import Message
 
@@ -16,7 +16,7 @@ _LONGEST_BYTES = LONGEST_PACKET_BYTES // 2
 """Of one message; what a link hands over beyond it at once goes in parts."""
 
 
-class ChannelLink:
+class ChannelLink(ReceivingLink):
     """A link over the guard's channel to the vehicle at `index`; the owner calls `arrive`.
 
     last: positions that wait go before frames, which are limited by them. target: the vehicle of
@@ -39,7 +39,6 @@ class ChannelLink:
         self._lost_arrivals = Arrivals()
         self._lost_count = 0
         self.channel = channel
-        self._receiver: Receiver | None = None
         self._unread_receiver: TimesReceiver | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         """While open."""
@@ -48,10 +47,6 @@ class ChannelLink:
     def name(self) -> str:
         """Return the name of this end of the channel's link."""
         return self._name
-
-    def receive(self, receiver: Receiver) -> None:
-        """Set the receiver of bytes that arrive on the channel's link."""
-        self._receiver = receiver
 
     def write(self, data: bytes) -> None:
         """Send bytes over the channel's link; lost when the other end is gone."""

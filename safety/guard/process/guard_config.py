@@ -81,7 +81,6 @@ class GuardConfig:
 
 
 def _autopilot(name: str) -> Autopilot:
-    """Return the autopilot named in a guard config. Raises ValueError."""
     try:
         return autopilot_named(cast("AutopilotName", name))
     except StopIteration as error:

@@ -301,7 +301,6 @@ class GuardProcess:
         self._status_timer = call_wall_later(delay_s, self._send_status)
 
     def _send_due_status(self) -> None:
-        """Send the status with a tick, if it is due soon."""
         if self._status_timer is not None and time.monotonic() >= self._status_at_s - EARLY_S:
             self._status_timer.cancel()
             self._send_status()

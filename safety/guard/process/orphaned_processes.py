@@ -65,7 +65,6 @@ def running(folder: Path) -> tuple[GuardRecord, ...]:
 
 
 def _records(folder: Path) -> Iterator[GuardRecord]:
-    """Yield the readable guard records of a folder."""
     for path in sorted(folder.glob("guard-*.json")):
         with contextlib.suppress(OSError, msgspec.MsgspecError, UnicodeDecodeError):
             yield msgspec.json.decode(path.read_bytes(), type=GuardRecord)

@@ -23,7 +23,6 @@ def vehicle_link(guarded: Guarded) -> Link:
 
 
 def _spare_links(guarded: Guarded) -> list[Link]:
-    """Return the guard process's spare links to a vehicle."""
     signed = guarded.conditions.signing is not None
     return [open_link(parse_link(one), signed=signed) for one in guarded.spares]
 

@@ -108,7 +108,6 @@ class RunClock:
         raise NotImplementedError
 
     def _advance(self, wall_s: float) -> Segment:
-        """Return the segment that holds from now on."""
         raise NotImplementedError
 
     def _step(self) -> None:

@@ -11,11 +11,14 @@ from typing import Any, get_args
 import pytest
 
 import wil_campaign
+from tests.vehicles.embedded.physics.test_parts import AIRFRAME_NUMBERS
 from tests.vehicles.processes.busy_core import one_busy_core
 from wil_campaign.campaigns.checks import autonomy_checks
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.safety.oracles.autopilot_health import ModeName
+from wil_campaign.vehicles.embedded.profile import load_profile
 
+BODY = "{width_m: 0.6, height_m: 0.2}"
 POSITION = "position: {north_m: 2, east_m: 0, up_m: 1.2}"
 
 
@@ -27,6 +30,18 @@ def warned(files: Any) -> list[str]:
 def test_a_good_campaign_is_not_warned_of(files: Any) -> None:
     assert warned(files) == []
     assert files.load().caveats == ()
+
+
+def test_a_vehicle_wider_than_the_usual_body_is_warned_of(files: Any) -> None:
+    nominal = (Path(load_profile.__code__.co_filename).parent / "profiles/nominal.yaml").read_text()
+    airframe = "".join(f"  {key}: {value}\n" for key, value in AIRFRAME_NUMBERS.items())
+    (files.folder / "mine.yaml").write_text(f"{nominal}airframe:\n{airframe}")
+    files.change("    profile: cage\n", "    profile: mine.yaml\n")
+    (told,) = warned(files)
+    said = "vehicles.real has no body: 0.3 m is judged, but its motors alone span 0.32 m"
+    assert told.endswith(said)
+    files.change("    profile: mine.yaml\n", f"    profile: mine.yaml\n    body: {BODY}\n")
+    assert warned(files) == []
 
 
 @pytest.mark.parametrize(

@@ -390,6 +390,10 @@ def test_only_a_campaign_of_attached_vehicles_is_cleared_without_jsbsim(
     with pytest.raises(RefusedError, match=r"real and twin: .* attach or launch") as caught:
         clear(campaign(), USUAL)
     assert caught.value.code == 2
+    with pytest.raises(RefusedError, match=r"^twin: "):
+        clear(campaign("vehicles.real.physics=compiled"), USUAL)
+    both = ("vehicles.real.physics=compiled", "vehicles.twin.physics=compiled")
+    clear(campaign(*both), USUAL)
     with pytest.raises(RefusedError, match="armed only with --arm-real"):
         clear(
             campaign(

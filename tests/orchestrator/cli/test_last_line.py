@@ -67,3 +67,8 @@ def test_the_next_steps_are_those_of_the_outcome() -> None:
         "next: wil-campaign run 'my gate.yaml' --out results/gate/1 --resume flies what is missing",
         "next: wil-campaign judge 'my gate.yaml' results/gate/1 tries other limits without flying",
     ]
+    log = "large/sim/1/twin-node.log"
+    dead = replace(result("FAIL"), decided_by="autonomy/twin", artifacts=(log,))
+    ended = replace(summary([dead]), broken=False)
+    (pointed,) = next_steps(ended, file=file, folder=folder, has_report=False)
+    assert pointed.plain == f"next: results/gate/1/{log} has all that the autonomy printed"

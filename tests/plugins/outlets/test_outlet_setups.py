@@ -40,6 +40,17 @@ def test_deliveries_are_read_with_the_one_camera_there_is(files: Files) -> None:
     assert needs(files) == ["rtp 127.0.0.1:5600", "zmq tcp://127.0.0.1:5601"]
 
 
+def test_any_sensor_is_delivered_by_zmq_at_free_ports(files: Files) -> None:
+    files.change(REAL, f"{REAL}      scan: {{type: lidar, rate_hz: 5}}\n")
+    files.append(
+        "deliver: [{zmq: 'tcp://127.0.0.1:*', sensor: scan, of: real},"
+        " {zmq: 'tcp://127.0.0.1:*', sensor: camera}]\n"
+    )
+    given = setup(files).observers["deliver"]
+    assert isinstance(given, DeliverySetups)
+    assert [one.sensor for one in given.outlets] == ["scan", "camera"]
+
+
 @pytest.mark.parametrize(
     ("deliver", "said"),
     [
@@ -51,11 +62,15 @@ def test_deliveries_are_read_with_the_one_camera_there_is(files: Files) -> None:
         ("{zmq: '127.0.0.1:5601'}", "must be an address to bind"),
         ("{rtp: '127.0.0.1:5600', encoding: png}", "is for zmq, not for rtp"),
         ("{rtp: '127.0.0.1:5600', sensor: camara}", "has no camera 'camara'"),
+        ("{rtp: '127.0.0.1:5600', sensor: scan}", "delivers images, and 'scan' is no camera; use"),
+        ("{zmq: 'tcp://127.0.0.1:*', sensor: scam}", "has no sensor 'scam'"),
+        ("{zmq: 'tcp://127.0.0.1:1'}, {zmq: 'tcp://127.0.0.1:1'}", "is already used by delivery 1"),
         ("{rtp: '127.0.0.1:5600', of: real, vehicle: twin}", "has no effect with of: real"),
         ("{rtp: '127.0.0.1:5600'}, {rtp: '127.0.0.1:5600'}", "is already used by delivery 1"),
     ],
 )
 def test_impossible_deliveries_are_refused(files: Files, deliver: str, said: str) -> None:
+    files.change(REAL, f"{REAL}      scan: {{type: lidar, rate_hz: 5}}\n")
     files.append(f"deliver: [{deliver}]\n")
     assert any(said in fault for fault in files.faults())
 

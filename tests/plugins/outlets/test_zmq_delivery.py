@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import zmq
 
+from tests.recipes.samples import imu
 from wil_campaign.plugins.outlets.image_delivery import Delivery, DeliveryError
 from wil_campaign.plugins.outlets.v4l2 import v4l2_delivery
 from wil_campaign.plugins.outlets.zmq_images import ZmqDelivery, published_parts
@@ -55,6 +56,31 @@ async def test_a_subscriber_gets_the_picture_with_its_times() -> None:
     assert np.array_equal(decode_image(parts[2], "bgr8", (16, 12)), IMAGE)
     assert np.array_equal(decode_depth(parts[3], "f32", (16, 12)), DEPTH)
     assert np.array_equal(decode_ids(parts[4], "u8", (16, 12)), IDS)
+
+
+async def test_a_subscriber_gets_every_reading_of_a_fast_sensor() -> None:
+    context = zmq.Context()
+    socket = context.socket(zmq.SUB)
+    socket.subscribe(b"fast")
+    got: list[int] = []
+    try:
+        async with ZmqDelivery(address="tcp://127.0.0.1:*", topic="fast", depth=128) as delivery:
+            socket.connect(delivery.endpoint)
+            for _ in range(200):
+                delivery.deliver(imu(seq=0))
+                if await asyncio.to_thread(socket.poll, 20):
+                    break
+            for seq in range(1, 101):
+                delivery.deliver(imu(seq=seq))
+            for _ in range(300):
+                if 100 in got or not await asyncio.to_thread(socket.poll, 5000):
+                    break
+                topic, header = socket.recv_multipart()
+                assert topic == b"fast"
+                got.append(Header.unpack(header).whole("seq"))
+    finally:
+        context.destroy(linger=0)
+    assert [one for one in got if one] == list(range(1, 101))
 
 
 def test_a_live_picture_has_no_pose_and_may_be_compressed() -> None:

@@ -84,7 +84,7 @@ async def test_it_ends_on_term_when_the_run_is_over(tmp_path: Path) -> None:
     async with program(code, tmp_path) as running:
         await line_of(tmp_path, 1)
         assert running.running
-    assert running.exit == ProgramExit(None, "SIGTERM", ended_by_us=True, tail="up\n")
+    assert running.exit == ProgramExit(None, "SIGTERM", ended_by_us=True, tail="up")
     assert not running.exit.crashed
 
 

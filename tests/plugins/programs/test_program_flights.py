@@ -11,6 +11,7 @@ from tests.ports import free_port
 
 FLY = """
     import json, os, socket, sys, time
+    import msgpack, zmq
     from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
     host, port = os.environ["WIL_MAVLINK_URL"].removeprefix("udpout://").split(":")
@@ -21,6 +22,11 @@ FLY = """
     parser.robust_parsing = True
     moved = armed = 0
     print("flying to", goal["altitude_m"], flush=True)
+    (scans,) = json.loads(os.environ["WIL_ZMQ"])
+    lidar = zmq.Context().socket(zmq.SUB)
+    lidar.connect(scans["address"])
+    lidar.subscribe(scans["topic"])
+    seen = []
     while True:
         link.sendto(mavlink.MAVLink_set_position_target_local_ned_message(
             0, system, 1, 1, 0b110111000111, 0, 0, 0, 0.5, 0, 0, 0, 0, 0, 0, 0
@@ -34,8 +40,10 @@ FLY = """
             for message in parser.parse_buffer(data) or []:
                 if message.get_type() == "LOCAL_POSITION_NED" and message.get_srcSystem() != 200:
                     moved = message.x
+        while lidar.poll(0):
+            seen.append(msgpack.unpackb(lidar.recv_multipart()[1]))
         if moved > 1.0:
-            print("there", flush=True)
+            print("there", len(seen) > 5, scans["sensor"], seen[-1]["type"], flush=True)
             sys.exit(0)
 """
 
@@ -50,6 +58,10 @@ async def test_an_autonomy_that_is_a_program_flies(tmp_path: Path) -> None:
         *sets(
             "vehicles.twin.sensors.down={type: camera, rate_hz: 5, width_px: 80, height_px: 60, "
             "fov_deg: 69}"
+        ),
+        *sets(
+            "vehicles.twin.sensors.scan={type: lidar, rate_hz: 10, beams: 60}",
+            "deliver=[{zmq: 'tcp://127.0.0.1:*', sensor: scan, vehicle: twin}]",
         ),
         *sets(
             "oracles={time_limit: {limit_s: 60}, landed: {}, vehicle_fault: {}, "
@@ -68,7 +80,7 @@ async def test_an_autonomy_that_is_a_program_flies(tmp_path: Path) -> None:
     assert result["video"]["failed"] == 0
     assert result["video"]["delivered"] > 20
     log = (program.run_folder("sim") / "twin-autonomy.log").read_text()
-    assert log == "flying to 1.2\nthere\n"
+    assert log == "flying to 1.2\nthere True scan lidar\n"
 
 
 CROPPED = """

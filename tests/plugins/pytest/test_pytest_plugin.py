@@ -134,6 +134,15 @@ def test_a_campaign_is_collected_only_where_it_is_named(inner: pytest.Pytester) 
     assert world.ret == pytest.ExitCode.USAGE_ERROR
 
 
+def test_a_campaign_is_collected_where_the_settings_point_to_it(inner: pytest.Pytester) -> None:
+    """As a package of ament_python has it, for `colcon test`."""
+    write_hover(inner.path)
+    settings = "[pytest]\nasyncio_default_fixture_loop_scope = function\n"
+    inner.makeini(f"{settings}testpaths = hover.yaml\n")
+    found = inner.runpytest_inprocess(*ARGUMENTS, "--collect-only", "-q")
+    found.stdout.fnmatch_lines(["hover.yaml::*"])
+
+
 def test_faults_of_the_file_are_errors_of_collection(inner: pytest.Pytester) -> None:
     path = write_cases(inner.path)
     path.write_text(path.read_text().replace("goal:", "gaol:"))

@@ -21,6 +21,7 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 IMAGE = "sensor_msgs/msg/Image"
 ODOMETRY = "nav_msgs/msg/Odometry"
 TWIST = "geometry_msgs/msg/TwistStamped"
+MAVROS = ("/mavros/setpoint_velocity/cmd_vel", "/mavros/local_position/odom")
 DOMAIN = os.environ.get("ROS_DOMAIN_ID", "0")
 
 
@@ -164,15 +165,22 @@ class StraightFlight:
     looks: it answers images, too, and its speed depends on all of them and on their order.
     """
 
-    def __init__(self, node: Node, *, crashes: bool = False, looks: bool = False) -> None:
-        self.publish = node.publisher("/cmd_vel", TWIST)
+    def __init__(
+        self,
+        node: Node,
+        *,
+        crashes: bool = False,
+        looks: bool = False,
+        topics: tuple[str, str] = ("/cmd_vel", "/odom"),
+    ) -> None:
+        self.publish = node.publisher(topics[0], TWIST)
         self.north: float | None = None
         self.crashes = crashes
         self.done = False
         self.speed = 0.5
         if looks:
             node.subscribe("/camera/image_raw", IMAGE, self.image)
-        node.subscribe("/odom", ODOMETRY, self.odometry)
+        node.subscribe(topics[1], ODOMETRY, self.odometry)
 
     def image(self, message: Any) -> None:
         self.speed = 0.3 + 0.5 * (1 - self.speed) + float(np.mean(message.data)) / 10_000
@@ -195,8 +203,10 @@ def main(behaviour: str) -> int:
     if behaviour == "deaf":
         node.subscribe("/clock", "rosgraph_msgs/msg/Clock", lambda _: None)
         node.spin(lambda: False)
-    if behaviour in {"straight", "crash", "looks"}:
-        straight = StraightFlight(node, crashes=behaviour == "crash", looks=behaviour == "looks")
+    if behaviour in {"straight", "crash", "looks", "mavros"}:
+        names = MAVROS if behaviour == "mavros" else ("/cmd_vel", "/odom")
+        is_crash, is_look = behaviour == "crash", behaviour == "looks"
+        straight = StraightFlight(node, crashes=is_crash, looks=is_look, topics=names)
         node.spin(lambda: straight.done)
         sys.stdout.write(f"flew to {os.environ['WIL_GOAL']} as {os.environ['WIL_VEHICLE']}\n")
         return 0

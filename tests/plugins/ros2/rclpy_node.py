@@ -9,6 +9,7 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import Image
+from std_srvs.srv import Trigger
 
 
 class Ahead(Node):  # type: ignore[misc]  # of a package that is seldom installed
@@ -35,10 +36,26 @@ class Ahead(Node):  # type: ignore[misc]  # of a package that is seldom installe
         self.publisher.publish(command)
 
 
+def call(node: Node, name: str) -> Trigger.Response:
+    client = node.create_client(Trigger, name)
+    if not client.wait_for_service(timeout_sec=60.0):
+        sys.exit(f"there is no service {name}")
+    answer = client.call_async(Trigger.Request())
+    rclpy.spin_until_future_complete(node, answer, timeout_sec=60.0)
+    return answer.result()
+
+
 rclpy.init()
 node = Ahead()
+goal = ""
 while not node.done:
     rclpy.spin_once(node, timeout_sec=0.1)
-sys.stdout.write(json.dumps({"images": node.images}))
+    if node.images == 10 and not goal:
+        goal = call(node, "/wil/goal").message
+if "abort" in sys.argv:
+    node.done = not call(node, "/wil/abort").success
+    while not node.done:  # the run ends this process
+        rclpy.spin_once(node, timeout_sec=0.1)
+sys.stdout.write(json.dumps({"images": node.images, "goal": goal}))
 node.destroy_node()
 rclpy.shutdown()

@@ -251,6 +251,15 @@ def test_telemetry_and_clock_are_published_with_stamps_of_utc() -> None:
     assert names == ["/clock", "/odom"]  # what nobody subscribes to is not made
 
 
+def test_the_telemetry_of_one_time_is_published_once() -> None:
+    rig = Rig()
+    rig.autonomy.report(telemetry(9.9))
+    for t_s in (9.9, 10.0, 10.0, 10.1):
+        rig.act(t_s)
+    stamps = [one.header.stamp for one in rig.published("/odom")]
+    assert [round(one.sec + one.nanosec / 1e9 - EPOCH_S, 3) for one in stamps] == [9.9, 10.0, 10.1]
+
+
 def test_the_clock_does_not_go_back_for_an_image_that_is_older() -> None:
     rig = Rig()
     rig.act(10.0)

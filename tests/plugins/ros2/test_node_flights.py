@@ -1,16 +1,19 @@
 """Nodes in processes of their own that fly in virtual time, over zenoh: time waits for them."""
 
 import json
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
+import yaml
 from rosbags.rosbag2 import Reader
 
 from tests.orchestrator.conftest import Fly
 from tests.orchestrator.flights import all_landed, log_of
 from tests.plugins.ros2.plain_node import IMAGE, STORE, Node, PictureFlight
+from tests.test_house import ROOT
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.model.results import RunResult
 
@@ -92,10 +95,26 @@ def test_a_node_that_breaks_in_flight_fails_the_run_with_its_last_lines(fly_run:
     result, folder = fly_run(mode="sim", sets=(node("crash", "/odom"),))
     assert result.verdict == "FAIL"
     assert "ended with exit code 1 by itself" in result.reason
-    assert "RuntimeError: the node broke on its way" in result.reason
+    assert "RuntimeError: the node broke on its way (" in result.reason
+    assert "File " not in result.reason
+    assert not [one for one in result.also if "exit code" in one.reason], "told once"
     assert all_landed(folder)
     assert result.outside is not None
     assert "the node broke on its way" in result.outside.programs[0].exit
+
+
+def test_a_node_with_the_topics_of_mavros_flies_by_the_map_of_the_page(fly_run: Fly) -> None:
+    page = (ROOT / "docs" / "ros2.md").read_text("utf-8")
+    (text,) = re.findall(r"^    topics:\n(?:      /.+\n)+", page, re.MULTILINE)
+    renamed = yaml.safe_load(text)["topics"]
+    sets = (
+        node("mavros", "/odom"),
+        f"autonomy.ros2.topics={json.dumps(renamed)}",
+        STRAIGHT,
+    )
+    result, _ = fly_run(mode="sim", sets=sets, has_cameras=False)
+    assert result.verdict == "PASS", result.reason
+    assert counts(result)["/mavros/setpoint_velocity/cmd_vel"][1] > 20
 
 
 def test_a_node_that_ends_at_once_is_named_before_anything_arms(fly_run: Fly) -> None:

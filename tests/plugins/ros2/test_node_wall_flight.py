@@ -13,7 +13,7 @@ from tests.orchestrator.wall_runs import Program
 NODE = Path(__file__).with_name("plain_node.py")
 RCLPY_NODE = Path(__file__).with_name("rclpy_node.py")
 PYTHON = os.environ.get("WIL_TEST_RCLPY", "")
-"""A Python that has rclpy, sensor_msgs, nav_msgs and geometry_msgs."""
+"""A Python that has rclpy, sensor_msgs, nav_msgs, geometry_msgs and std_srvs."""
 PATIENT_NODE = "start_s: 300, silent_s: 60"
 ORACLES = "oracles={time_limit: {limit_s: 120}, landed: {}, reached: {required: false}}"
 
@@ -49,6 +49,17 @@ async def test_a_node_of_rclpy_sees_every_image(tmp_path: Path) -> None:
     code, why, result, folder = await fly(tmp_path, ros2)
     assert code == 0, why
     topics = {one["topic"]: one for one in result["topics"]}  # type: ignore[attr-defined]  # JSON
-    images = json.loads((folder / "twin-node.log").read_text("utf-8"))["images"]
+    printed = json.loads((folder / "twin-node.log").read_text("utf-8"))
+    assert json.loads(printed["goal"])["altitude_m"] == 1.2  # by the service
+    images = printed["images"]
     assert topics["/camera/image_raw"]["delivered"] - images <= 1  # the one after its end
     assert images > 20
+
+
+@pytest.mark.skipif(shutil.which(PYTHON) is None, reason="WIL_TEST_RCLPY names no Python")
+async def test_a_node_of_rclpy_aborts_by_a_service(tmp_path: Path) -> None:
+    command = json.dumps(["env", "-u", "PYTHONPATH", PYTHON, str(RCLPY_NODE), "abort"])
+    ros2 = f"{{command: {command}, wire: rclpy, python: {PYTHON}, {PATIENT_NODE}}}"
+    code, why, _, _ = await fly(tmp_path, ros2)
+    assert code == 4, why
+    assert "asked for an abort: by the service /wil/abort" in why

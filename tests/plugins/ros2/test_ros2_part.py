@@ -41,6 +41,16 @@ def node_file(tmp_path: Path, text: str) -> Path:
         ("{command: [sh], wire: rclpy, python: no-python}", "there is no program 'no-python'"),
         ("{command: [sh], nodes: 2}", "nodes"),
         ("{run: [package, executable]}", "source the setup.bash of ROS 2 first"),
+        ("{command: [sh, nod.py]}", "there is no file 'nod.py'"),
+        (
+            "{command: [sh], needs: [/odom, /odm]}",
+            "nothing is published on '/odm'; did you mean '/odom'",
+        ),
+        (
+            "{command: [sh], barrier: {topics: [/lidar/scan]}}",
+            "nothing is published on '/lidar/scan'",
+        ),
+        ("{command: [sh], topics: {/odom: null}, needs: [/odom]}", "published on '/odom'"),
         ("{launch: no.launch.py}", "there is no file 'no.launch.py' beside the campaign"),
     ],
 )

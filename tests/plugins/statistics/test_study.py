@@ -217,7 +217,12 @@ def test_a_flight_prints_the_comparison_only_of_modes_beside_reality(tmp_path: P
     section = study_section(folder, read_campaign(folder))
     assert section.text == study_text(study_of(folder))
     alone = write_flown(tmp_path / "b", flights("a", "sim", "PP", (0.0, 0.1)))
-    assert study_section(alone, read_campaign(alone)).text == ""
+    of_one_mode = study_section(alone, read_campaign(alone))
+    assert of_one_mode.text == ""
+    assert "Comparison of the modes" in section.html
+    assert "Comparison of the modes" not in of_one_mode.html
+    assert '<ul class="box">' in section.html
+    assert '<ul class="box">' not in of_one_mode.html
 
 
 def test_a_gap_that_cannot_be_measured_leaves_the_report(

@@ -3,7 +3,6 @@
 import asyncio
 import os
 import sys
-from types import TracebackType
 from typing import Self
 
 from wil_campaign.vehicles.embedded.control.law import load_kernels
@@ -67,14 +66,9 @@ class EmbeddedProcess:
             raise
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         if self._child is not None:
             await self._child.end()
         for end in (self._stdin, self._hold):
             os.close(end)
-        await self.feed.__aexit__(kind, error, trace)
+        await self.feed.__aexit__(*raised)

@@ -219,6 +219,29 @@ def test_it_falls_with_an_empty_battery(rig: Any, virtually: Scenario, autopilot
     virtually(scenario())
 
 
+@pytest.mark.parametrize(("from_deg", "ahead"), [(0.0, True), (180.0, False)])
+def test_a_script_sets_the_wind_of_arducopter(
+    rig: Any, virtually: Scenario, from_deg: float, ahead: bool
+) -> None:
+    """Its nose goes down into the wind of its SITL: 30 m/s are 9.5 m/s at a height of 6 m."""
+
+    async def scenario() -> list[float]:
+        async with rig(autopilot="ardupilot") as r:
+            await r.hover(6.0)
+            found = []
+            for speed in (0.0, 30.0):
+                for name, value in ((b"SIM_WIND_DIR", from_deg), (b"SIM_WIND_SPD", speed)):
+                    r.send(mavlink.MAVLink_param_set_message(1, 1, name, value, 9))
+                await asyncio.sleep(15.0)
+                pose = r.vehicle.truth().pose
+                found.append(pose.to_parent((1.0, 0.0, 0.0))[2] - pose.position_ned_m[2])
+            return found
+
+    still, blown = virtually(scenario())
+    assert abs(still) < 0.02
+    assert (blown > 0.05) if ahead else (blown < -0.05)
+
+
 def test_px4_terminates_a_tumble_only_without_its_breaker(rig: Any, virtually: Scenario) -> None:
     async def scenario(breaker: int) -> bool:
         parameters = {"CBRK_FLIGHTTERM": breaker}

@@ -4,7 +4,6 @@ import asyncio
 import os
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from wil_campaign.vehicles.launch.launch_plan import Launch, LaunchError
@@ -69,12 +68,7 @@ class LaunchedVehicle:
         self._running = True
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         self._running = False
         if self._prepared is not None:
             await self._end(self._prepared)

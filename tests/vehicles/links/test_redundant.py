@@ -2,7 +2,6 @@
 
 import asyncio
 from functools import partial
-from types import TracebackType
 from typing import Any, Self
 
 import pytest
@@ -56,14 +55,9 @@ class TwoRadios:
             await radio.__aenter__()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *raised: object) -> None:
         for radio in self._radios:
-            await radio.__aexit__(kind, error, trace)
+            await radio.__aexit__(*raised)
 
 
 class Ends:

@@ -159,6 +159,7 @@ def test_aliases_and_merge_keys_are_written_out() -> None:
         ("just words", "x.yaml:1:1: the top level must be a mapping, is the text 'just words'"),
         ("a: [1, 2", "x.yaml:1:9: not YAML: while parsing a flow sequence, expected ',' or ']'"),
         ("a: 1\n\tb: 2", "x.yaml:2:1: not YAML: while scanning for the next token, found char"),
+        ("a:\n  b: 1\n  pillar_b\n    x: 2\n", "x.yaml:3:3: 'pillar_b' needs a ':'"),
         ("a: b: c", "x.yaml:1:5: not YAML: mapping values are not allowed here"),
         ("a: '\x07'", "x.yaml:1:5: a character that YAML does not allow"),
         ('a: "\\ud800"', "x.yaml:1:4: an unpaired surrogate is not a character"),

@@ -114,7 +114,6 @@ def _link_numbered(half: Path, folder: Path, number: int, suffix: str) -> Path:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Sync a folder of crash-safe files to the disk."""
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(handle)

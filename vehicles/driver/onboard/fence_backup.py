@@ -71,7 +71,6 @@ def waiting_backups(folder: Path) -> tuple[Path, ...]:
 
 
 def _items(rows: Sequence[Sequence[Any]]) -> tuple[MissionItem, ...]:
-    """Return the fence items in a backup's rows."""
     names = [field.name for field in fields(MissionItem)]
     items = [MissionItem(**dict(zip(names, row, strict=True))) for row in rows]
     params = [(*map(float, item.params),) for item in items]

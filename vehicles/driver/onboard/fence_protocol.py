@@ -130,7 +130,6 @@ class FenceProtocol:
 
 
 def _item(command: int, first: float, place: Place) -> MissionItem:
-    """Return a fence's mission item at a place."""
     return MissionItem(
         command=command,
         frame=mavlink.MAV_FRAME_GLOBAL,

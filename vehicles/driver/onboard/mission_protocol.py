@@ -7,7 +7,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -57,6 +57,19 @@ class MissionItem:
     y: int = 0
     z: float = 0.0
     autocontinue: bool = True
+
+    @classmethod
+    def of(cls, raw: Any) -> Self:
+        """Return the mission item in a MISSION_ITEM_INT, or in a RawItem of mavsdk."""
+        return cls(
+            command=raw.command,
+            frame=raw.frame,
+            params=(raw.param1, raw.param2, raw.param3, raw.param4),
+            x=raw.x,
+            y=raw.y,
+            z=raw.z,
+            autocontinue=bool(raw.autocontinue),
+        )
 
     def agrees(self, other: "MissionItem") -> bool:
         """Return whether an autopilot may return one mission item for the other."""
@@ -191,7 +204,7 @@ class MissionProtocol:
             def is_it(each: Any, number: int = number) -> bool:
                 return bool(each.get_type() == "MISSION_ITEM_INT" and each.seq == number)
 
-            items.append(_read_item(await self._exchange(which, question, is_it)))
+            items.append(MissionItem.of(await self._exchange(which, question, is_it)))
         done = self._message(
             mavlink.MAVLink_mission_ack_message, type=_ACCEPTED, mission_type=which
         )
@@ -262,19 +275,6 @@ class MissionProtocol:
 
 
 _HOME = MissionItem(command=mavlink.MAV_CMD_NAV_WAYPOINT, frame=mavlink.MAV_FRAME_GLOBAL)
-
-
-def _read_item(message: Any) -> MissionItem:
-    """Return the mission item in a MISSION_ITEM_INT."""
-    return MissionItem(
-        command=message.command,
-        frame=message.frame,
-        params=(message.param1, message.param2, message.param3, message.param4),
-        x=message.x,
-        y=message.y,
-        z=message.z,
-        autocontinue=bool(message.autocontinue),
-    )
 
 
 def _difference(sent: Sequence[MissionItem], back: Sequence[MissionItem]) -> str:

@@ -223,16 +223,13 @@ class _Pieces:
         return offset, min(most, min(end * _PIECE, self.size) - offset)
 
     def has(self, gap: tuple[int, int]) -> bool:
-        """Return whether a log's gap is filled."""
         first, last = gap[0] // _PIECE, (gap[0] + gap[1] - 1) // _PIECE
         return self._missing.find(1, first, last + 1) < 0
 
     def _end(self, size: int) -> None:
-        """Set a log's size at its end."""
         self.size = size
         del self._missing[-(-size // _PIECE) :]
 
 
 def _entry(message: Any) -> LogEntry:
-    """Return the log entry in a LOG_ENTRY message."""
     return LogEntry(message.id, message.size, message.time_utc or None)

@@ -146,7 +146,6 @@ class Commander:
         self._start_timer(pending, self._ack_timeout_s * _LAST_WAIT if last else pending.every_s)
 
     def _on_ack(self, ack: Any, _t_s: float) -> None:
-        """Handle a COMMAND_ACK to one of the pending commands."""
         pending = self._pending.get(ack.command)
         if pending is None or not self._is_ours(ack):
             return

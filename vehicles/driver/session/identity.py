@@ -193,12 +193,10 @@ def _is_simulation(
 
 
 def _type_name(vehicle_type: int) -> str:
-    """Return the name of an identity's MAV_TYPE."""
     return enum_name("MAV_TYPE", vehicle_type).removeprefix("MAV_TYPE_").lower()
 
 
 def _git_hash(raw: bytes) -> str:
-    """Return the git hash in an identity's AUTOPILOT_VERSION."""
     # ArduPilot writes the hash as text, PX4 as a little-endian number.
     if all(48 <= byte < 127 for byte in raw):
         return raw.decode("ascii")

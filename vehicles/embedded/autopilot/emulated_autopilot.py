@@ -156,7 +156,6 @@ class EmulatedAutopilot(ABC):
         return bool(heartbeat.type == mavlink.MAV_TYPE_GCS)
 
     def _sends_texts(self) -> bool:
-        """Return whether the emulated autopilot sends its peer STATUSTEXT."""
         return True
 
     def _split_mode(self, custom_mode: int) -> tuple[int, int]:

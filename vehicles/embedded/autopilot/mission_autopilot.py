@@ -165,5 +165,4 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
         return ACCEPTED
 
     def _flies_by_speeds(self) -> bool:
-        """Return whether the mode flies at the speeds of automatic modes."""
         return True

@@ -65,17 +65,17 @@ DEGREES = ("ATC_ANGLE_MAX", *_ANGLES)
 HUNDREDTHS = ("WPNAV_ACCEL", "WPNAV_ACCEL_Z", *_ANGLES)
 """Parameters in centimetres or centidegrees."""
 
-STATE = 48
-"""Of the state: 0 trajectory (9), 9 heading setpoint, 10 velocity integral (2), 12 filtered
-velocity error (2), 14 its derivative (2), 16 acceleration setpoint (3), 19 vertical integral,
-20 filtered vertical acceleration error, 21 attitude target (roll, pitch, yaw), 24 its rates (3),
-27 rate integral (3), 30 rates (3), 33 their filtered rate (3), 36 filtered yaw rate error,
-37 whether anything was flown."""
+# Of the state: 0 trajectory (9), 9 heading setpoint, 10 velocity integral (2), 12 filtered
+# velocity error (2), 14 its derivative (2), 16 acceleration setpoint (3), 19 vertical integral,
+# 20 filtered vertical acceleration error, 21 attitude target (roll, pitch, yaw), 24 its rates (3),
+# 27 rate integral (3), 30 rates (3), 33 their filtered rate (3), 36 filtered yaw rate error,
+# 37 whether anything was flown.
 
 
 @compiled
-def step(s: F64, g: F64, body: F64, m: F64, t: F64, dt: float, outer: int, out: F64) -> Int:
+def step(law: F64, m: F64, dt: float, outer: int) -> Int:
     """Advance ArduCopter's law by dt; its position part by `outer` steps, not at all for 0."""
+    s, g, body, t, out = law[0:48], law[48:84], law[84:94], law[94:106], law[106:110]
     if s[37] == 0.0:
         for i in range(6):
             s[i] = m[i]

@@ -7,9 +7,18 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from wil_campaign.vehicles.embedded.control import copter_kernel, px4_kernel
+from wil_campaign.vehicles.embedded.control.kernels import (
+    AIRFRAME,
+    GAINS,
+    LAW_NUMBERS,
+    STATE,
+    TARGET,
+    THRUSTS,
+)
 from wil_campaign.vehicles.embedded.control.target import Target
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.vehicles.embedded.physics.motion_kernel import (
+    BODY_NUMBERS,
     NUMBERS,
     estimate,
     read,
@@ -19,7 +28,7 @@ from wil_campaign.vehicles.embedded.physics.states import Thrusts
 from wil_campaign.worlds.frames import Vec3
 from wil_campaign.worlds.jit import F64, direct
 
-_OUTER_EVERY = 2
+_OUTER_STEPS = 2
 """The position part runs every second step, 125 Hz."""
 _HEADING = 9
 _MAX_GAIN, _MIN_DIVISOR = 1e4, 1e-3
@@ -46,11 +55,10 @@ class LawKind(NamedTuple):
     in roll and pitch limited to what its motors' lag allows at `rate_gain`, the default rate gain.
     """
 
-    step: Callable[[F64, F64, F64, F64, F64, float, int, F64], int]
+    step: Callable[[F64, F64, float, int], int]
     gains: tuple[str, ...]
     degrees: tuple[str, ...]
     hundredths: tuple[str, ...]
-    state: int
     authority_rad_s2: Vec3
     rate_gain: float
 
@@ -66,7 +74,6 @@ PX4 = LawKind(
     px4_kernel.GAINS,
     px4_kernel.DEGREES,
     (),
-    px4_kernel.STATE,
     # SIH: SIH_L_ROLL 0.2 m, SIH_T_MAX 5 N, SIH_Q_MAX 0.1 N m of four motors over SIH_IXX 0.025 and
     # SIH_IZZ 0.030 kg m2; the allocation gives roll and pitch 1/sqrt(2) of the throttle, yaw all.
     (113.1, 113.1, 13.3),
@@ -77,7 +84,6 @@ COPTER = LawKind(
     copter_kernel.GAINS,
     copter_kernel.DEGREES,
     copter_kernel.HUNDREDTHS,
-    copter_kernel.STATE,
     # Identified from step responses of ArduCopter 4.7: pitch in the step to 0.8 m/s, heading in the
     # step of 60 degrees; the other segments are not fitted.
     (500.0, 500.0, 40.0),
@@ -90,14 +96,12 @@ def load_kernels() -> None:
 
     Called before a flight: at liftoff it would block the interpreter for as long.
     """
-    motion, thrusts = np.zeros(NUMBERS), np.zeros(4)
+    motion, zero, errors, late = np.zeros(NUMBERS), np.zeros(3), np.zeros(9), np.zeros((1, 6))
     for kind in (PX4, COPTER):
-        state, gains = np.zeros(kind.state), np.ones(len(kind.gains))
-        kind.step(state, gains, np.ones(10), motion, np.zeros(12), 0.004, 1, thrusts)
-    zero, errors, late = np.zeros(3), np.zeros(9), np.zeros((1, 6))
+        kind.step(np.ones(LAW_NUMBERS), motion, 0.004, 1)
     read(motion, zero, motion)
     estimate(motion, errors, late, 0, motion)
-    read_and_estimate(motion, zero, motion, errors, late, 0, motion)
+    read_and_estimate(np.zeros(BODY_NUMBERS), late, 0)
 
 
 class ControlLaw:
@@ -109,24 +113,22 @@ class ControlLaw:
         self._kind = kind
         self._step = direct(kind.step)
         self._dt_s = dt_s
-        self._body = np.array(
-            [
-                airframe.mass_kg,
-                airframe.inertia_xx_kg_m2,
-                airframe.inertia_yy_kg_m2,
-                airframe.inertia_zz_kg_m2,
-                4.0 * airframe.motor_offset_m,
-                4.0 * airframe.torque_per_thrust_m,
-                airframe.max_thrust_n,
-                *kind.authority(airframe.motor_lag_s),
-            ]
+        self._array = array = np.zeros(LAW_NUMBERS)
+        self._state, self._gains, self._target = array[STATE], array[GAINS], array[TARGET]
+        self._thrusts = array[THRUSTS]
+        array[AIRFRAME] = (
+            airframe.mass_kg,
+            airframe.inertia_xx_kg_m2,
+            airframe.inertia_yy_kg_m2,
+            airframe.inertia_zz_kg_m2,
+            4.0 * airframe.motor_offset_m,
+            4.0 * airframe.torque_per_thrust_m,
+            airframe.max_thrust_n,
+            *kind.authority(airframe.motor_lag_s),
         )
-        self._gains = np.zeros(len(kind.gains))
-        self._state = np.zeros(kind.state)
-        self._target = np.zeros(12)
-        self._thrusts = np.zeros(4)
         self._last_target: Target | None = None
-        self._calls = 0
+        self.takes_target = True
+        """Whether the next step runs the position part, which reads the target."""
         self.configure(parameters)
 
     @property
@@ -154,22 +156,18 @@ class ControlLaw:
         """Reset the law's state; hold this heading."""
         self._state[:] = 0.0
         self._state[_HEADING] = yaw_rad
-        self._calls = 0
-
-    @property
-    def takes_target(self) -> bool:
-        """Return whether the next step reads the target."""
-        return self._calls % _OUTER_EVERY == 0
+        self.takes_target = True
 
     def run(self, now: F64, target: Target) -> Thrusts:
         """Return the law's thrusts of this step; `now` is the estimate's motion array."""
-        outer = _OUTER_EVERY if self._calls % _OUTER_EVERY == 0 else 0
-        self._calls += 1
-        if outer and target is not self._last_target:
-            self._set_target(target)
-        out = self._thrusts
-        self._step(self._state, self._gains, self._body, now, self._target, self._dt_s, outer, out)
-        a, b, c, d = out.tolist()
+        outer = 0
+        if self.takes_target:
+            outer = _OUTER_STEPS
+            if target is not self._last_target:
+                self._set_target(target)
+        self.takes_target = outer == 0
+        self._step(self._array, now, self._dt_s, outer)
+        a, b, c, d = self._thrusts.tolist()
         return (a, b, c, d)
 
     def _set_target(self, target: Target) -> None:

@@ -68,17 +68,17 @@ _MOST_INTEGRAL_M_S2 = 1e3
 _LEAST_W_N_RAD_S = 1.0
 """The smallest documented value of MC_REF_W_N; at 0 the reference would not move."""
 
-STATE = 48
-"""Of the state: 0 trajectory (9), 9 heading setpoint, 10 velocity integral (3), 13 velocity (3),
-16 its filtered rate (3), 19 acceleration setpoint (3), 22 rate integral (3), 25 rates (3),
-28 their filtered rate (3), 31 filtered yaw torque, 32 whether a trajectory is flown,
-33 whether anything was flown, 35 turn rate without a heading, 36 attitude reference (4),
-40 its body rates (3), 43 its turn of this step (3)."""
+# Of the state: 0 trajectory (9), 9 heading setpoint, 10 velocity integral (3), 13 velocity (3),
+# 16 its filtered rate (3), 19 acceleration setpoint (3), 22 rate integral (3), 25 rates (3),
+# 28 their filtered rate (3), 31 filtered yaw torque, 32 whether a trajectory is flown,
+# 33 whether anything was flown, 35 turn rate without a heading, 36 attitude reference (4),
+# 40 its body rates (3), 43 its turn of this step (3).
 
 
 @compiled
-def step(s: F64, g: F64, body: F64, m: F64, t: F64, dt: float, outer: int, out: F64) -> Int:
+def step(law: F64, m: F64, dt: float, outer: int) -> Int:
     """Advance PX4's law by dt; its position part by `outer` steps, not at all for 0."""
+    s, g, body, t, out = law[0:48], law[48:84], law[84:94], law[94:106], law[106:110]
     if outer > 0:
         _position(s, g, m, t, dt * outer)
     _attitude(s, g, body, m, dt, out)

@@ -15,6 +15,8 @@ _FOOT_POUNDS_PER_NEWTON_METRE = 0.737562149
 _SQUARE_FEET_PER_SQUARE_METRE = 10.7639
 _METRES_PER_FOOT = 0.3048
 MOTORS = 4
+LEGS = ((1, 1), (-1, -1), (1, -1), (-1, 1))
+"""The legs: forward and right, in leg offsets."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +63,11 @@ class Airframe:
     def hover_thrust_n(self) -> float:
         """Return the thrust of one motor that carries a quarter of the weight."""
         return self.mass_kg * 9.80665 / MOTORS
+
+    @property
+    def standing_m(self) -> float:
+        """Return the height of the hub over the ground on which it stands."""
+        return self.leg_height_m - self.hover_thrust_n / self.leg_stiffness_n_m
 
     def motors(self) -> tuple[tuple[float, float, int], ...]:
         """Return the airframe's motors: forward, right, sign of torque, PX4's quad X order.
@@ -127,7 +134,6 @@ def _location(name: str) -> str:
 
 def _legs(a: Airframe) -> str:
     """Return the legs in the airframe's JSBSim XML."""
-    corners = ((1, 1), (-1, -1), (1, -1), (-1, 1))
     return "".join(
         f"""
   <contact type="BOGEY" name="LEG{i}">
@@ -140,7 +146,7 @@ def _legs(a: Airframe) -> str:
    <damping_coeff_rebound unit="N/M/SEC">{a.leg_damping_n_s_m}</damping_coeff_rebound>
    <max_steer unit="DEG">0</max_steer><brake_group>NONE</brake_group><retractable>0</retractable>
   </contact>"""
-        for i, (forward, right) in enumerate(corners)
+        for i, (forward, right) in enumerate(LEGS)
     )
 
 

@@ -1,15 +1,17 @@
 """The vehicle's body: physics, wind, battery, estimator and contacts; no MAVLink."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from wil_campaign.vehicles.embedded.physics.battery import Battery
+from wil_campaign.vehicles.embedded.physics.compiled_plant import CompiledPlant
 from wil_campaign.vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig
 from wil_campaign.vehicles.embedded.physics.estimator import Estimator
-from wil_campaign.vehicles.embedded.physics.motion_kernel import NEAR_GROUND, NUMBERS, WRECKED, read
+from wil_campaign.vehicles.embedded.physics.motion_kernel import NEAR_GROUND, TRUTH, WRECKED
 from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
-from wil_campaign.vehicles.embedded.physics.plant import Plant
+from wil_campaign.vehicles.embedded.physics.plant import JsbsimPlant
 from wil_campaign.vehicles.embedded.physics.states import (
     STOPPED,
     Motion,
@@ -42,7 +44,8 @@ class Body:
         self._start = config.start.position_ned_m
         self._turn_rad = config.start.yaw_rad - heading
         self._turn = quat_from_euler(0.0, 0.0, self._turn_rad)
-        self._plant = Plant(
+        plant = JsbsimPlant if config.physics == "jsbsim" else CompiledPlant
+        self._plant = plant(
             airframe=airframe,
             motor_lag_s=profile.motors.lag_s,
             motor_factors=(1 + spread[0], 1 + spread[1], 1 + spread[2], 1 + spread[3]),
@@ -59,15 +62,19 @@ class Body:
             rng=air_rng,
         )
         self._still_air = not any(profile.air.sigma_m_s)
-        self._estimator = Estimator(noise=profile.estimator, rate_hz=PHYSICS_HZ, rng=estimator_rng)
+        self._mean_wind: Callable[[], Vec3] | None = None
+        array = self._plant.array
+        self._estimator = Estimator(
+            noise=profile.estimator, rate_hz=PHYSICS_HZ, rng=estimator_rng, body=array
+        )
         self.battery = Battery(profile=profile.battery, hover_thrust_n=4 * airframe.hover_thrust_n)
         self._contact_world = contact_world
         self._last_pose: tuple[Pose, float] | None = None
         self._steps = 0
         self._resting_steps = 0
         self._wrecked = False
-        self._motion = np.zeros(NUMBERS)
-        read(self._plant.numbers(), self._plant.zero, self._motion)
+        self._motion = array[TRUTH]
+        self._motion[:] = [number for vector in self._plant.motion() for number in vector]
         self._truth: Motion | None = None
         self._pose: Pose | None = None
         self.touching = True
@@ -90,17 +97,15 @@ class Body:
         self._steps += 1
         if self._steps % (PHYSICS_HZ // _AIR_HZ) == 0:
             self.battery.drain(sum(thrusts), 1.0 / _AIR_HZ)
-            if not self._still_air:
-                north, east, down = self._air.advance()
-                self._plant.set_wind((north, east, down))
-        estimator, motion = self._estimator, self._motion
+            self._blow()
+        estimator = self._estimator
         if self._is_resting():
-            estimate = estimator.estimate(motion)
+            estimate = estimator.estimate(self._motion)
         else:
             factor, plant = self.battery.thrust_factor, self._plant
             a, b, c, d = thrusts
             plant.step((a * factor, b * factor, c * factor, d * factor))
-            bits = estimator.read(plant.numbers(), plant.zero, motion)
+            bits = estimator.read()
             if not bits:
                 raise plant.divergence()
             estimate = estimator.present
@@ -138,9 +143,23 @@ class Body:
             self._plant.thrusts(),
         )
 
+    def blown_by(self, wind_ned_m_s: Callable[[], Vec3]) -> None:
+        """Add a wind to the air's own: towards north, east and down; asked 25 times a second."""
+        self._mean_wind = wind_ned_m_s
+        self._still_air = False
+
     def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
         """Multiply the thrust of one motor of the body by this factor from now on."""
         self._plant.fail_motor(index, factor=factor)
+
+    def _blow(self) -> None:
+        """Set the wind: the profile's gusts, and a mean wind where there is one."""
+        if self._still_air:
+            return
+        north, east, down = self._air.advance()
+        if self._mean_wind is not None:
+            north, east, down = add((north, east, down), self._mean_wind())
+        self._plant.set_wind((north, east, down))
 
     def _to_world(self, vector: Vec3) -> Vec3:
         return rotate(self._turn, vector) if self._turn_rad else vector

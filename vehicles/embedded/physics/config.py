@@ -10,6 +10,8 @@ from wil_campaign.vehicles.readings import Source
 from wil_campaign.worlds.frames import Pose
 
 AutopilotKind = Literal["px4", "ardupilot"]
+Physics = Literal["jsbsim", "compiled"]
+"""What moves an embedded vehicle: JSBSim, or our compiled rigid body."""
 
 
 class ContactWorld(Protocol):
@@ -40,6 +42,7 @@ class EmbeddedConfig:
     """
 
     autopilot: AutopilotKind
+    physics: Physics = "jsbsim"
     profile: Profile = field(default_factory=lambda: load_profile("nominal"))
     source: Source = "real"
     system_id: int = 1

@@ -3,7 +3,8 @@
 import numpy as np
 
 from wil_campaign.vehicles.embedded.physics.motion_kernel import (
-    NUMBERS,
+    ERRORS,
+    ESTIMATE,
     estimate,
     read_and_estimate,
 )
@@ -19,11 +20,14 @@ _ERRORS_HZ = 25
 class Estimator:
     """The emulated estimator: estimates from true motion, one per physics step.
 
+    body: the body array (see motion_kernel) in which it keeps its errors and the present estimate.
     Position starts at zero, whatever the initial errors are: the estimator's origin is its start.
     Body rates come from gyroscopes and have no delay.
     """
 
-    def __init__(self, *, noise: EstimatorNoise, rate_hz: int, rng: np.random.Generator) -> None:
+    def __init__(
+        self, *, noise: EstimatorNoise, rate_hz: int, rng: np.random.Generator, body: F64
+    ) -> None:
         dt_s = 1.0 / _ERRORS_HZ
         across, down = noise.position_sigma_m
         self._position = GaussMarkov(
@@ -55,32 +59,32 @@ class Estimator:
         self._every = rate_hz // _ERRORS_HZ
         self._steps = 0
         self._read = direct(read_and_estimate)
-        self._errors, self.present = np.zeros(9), np.zeros(NUMBERS)
+        self._body, self._errors, self.present = body, body[ERRORS], body[ESTIMATE]
         """The present estimate: the same array at each step."""
 
     def estimate(self, truth: F64) -> F64:
         """Return the estimate after one more step of true motion: motion arrays both."""
-        self._advance_errors()
+        if self._steps % self._every == 0:
+            self._advance_errors()
         estimate(truth, self._errors, self._late, self._steps, self.present)
         self._steps += 1
         return self.present
 
-    def read(self, raw: F64, zero: F64, truth: F64) -> int:
-        """Set the true motion from JSBSim's numbers, and `present` to its estimate, one step on.
+    def read(self) -> int:
+        """Set the true motion from the plant's numbers, and `present` to its estimate, one step on.
 
         Returns the bits of `motion_kernel.read`; 0 when a number is not finite.
         """
-        self._advance_errors()
-        bits: int = self._read(
-            raw, zero, truth, self._errors, self._late, self._steps, self.present
-        )
-        self._steps += 1
+        steps = self._steps
+        if steps % self._every == 0:
+            self._advance_errors()
+        self._steps = steps + 1
+        bits: int = self._read(self._body, self._late, steps)
         return bits
 
     def _advance_errors(self) -> None:
-        """Advance the estimator's errors when they are due."""
-        if self._steps % self._every == 0:
-            (n, e, d), (on, oe, od) = self._position.advance(), self._origin
-            self._errors[:] = (
-                n - on, e - oe, d - od, *self._velocity.advance(), *self._angles.advance()
-            )  # fmt: skip
+        """Advance the estimator's errors."""
+        (n, e, d), (on, oe, od) = self._position.advance(), self._origin
+        self._errors[:] = (
+            n - on, e - oe, d - od, *self._velocity.advance(), *self._angles.advance()
+        )  # fmt: skip

@@ -2,6 +2,9 @@
 
 A motion array holds position (NED, m), velocity (m/s), Euler angles (rad), body rates (rad/s) and
 specific force (body, m/s2), three values each, as `Motion` does.
+
+A body array holds all that a step of a body reads and sets (views of it: RAW and on), so that
+Python passes one array to the kernel: each takes as long as the arithmetic of a step.
 """
 
 import math
@@ -9,6 +12,12 @@ import math
 from wil_campaign.worlds.jit import F64, Float, Int, compiled, inlined
 
 NUMBERS = 15
+RAW, ZERO, TRUTH, ERRORS, ESTIMATE = (
+    slice(0, 15), slice(15, 18), slice(18, 33), slice(33, 42), slice(42, 57)
+)  # fmt: skip
+"""Places in a body array: the plant's numbers, its origin, the true motion, the estimate's errors
+(of position, velocity, angles), the estimate's motion array."""
+BODY_NUMBERS = 57
 FINITE, NEAR_GROUND, WRECKED = 1, 2, 4
 """Bits of the result of `read`."""
 
@@ -77,11 +86,10 @@ def estimate(truth: F64, errors: F64, late: F64, step: int, out: F64) -> Int:
 
 
 @compiled
-def read_and_estimate(
-    raw: F64, zero: F64, truth: F64, errors: F64, late: F64, step: int, out: F64
-) -> Int:
-    """Call `read`, then `estimate`: one call from Python costs half of two."""
-    bits = read(raw, zero, truth)
+def read_and_estimate(body: F64, late: F64, step: int) -> Int:
+    """Call `read`, then `estimate`, on a body array: one call from Python costs half of two."""
+    truth = body[18:33]
+    bits = read(body[0:15], body[15:18], truth)
     if bits != 0:
-        estimate(truth, errors, late, step, out)
+        estimate(truth, body[33:42], late, step, body[42:57])
     return bits

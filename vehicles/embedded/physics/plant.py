@@ -1,19 +1,25 @@
-"""The physics of one quadrotor in JSBSim: thrust commands in, true motion out."""
+"""The physics of one quadrotor, by default in JSBSim: thrust commands in, true motion out."""
 
 import math
 import os
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from wil_campaign.vehicles.embedded.physics.airframe import MOTORS, Airframe, aircraft_root
-from wil_campaign.vehicles.embedded.physics.motion_kernel import NUMBERS, read
+from wil_campaign.vehicles.embedded.physics.motion_kernel import (
+    BODY_NUMBERS,
+    NUMBERS,
+    RAW,
+    ZERO,
+    read,
+)
 from wil_campaign.vehicles.embedded.physics.states import Motion, Thrusts, motion_of
 from wil_campaign.vehicles.errors import NO_JSBSIM
 from wil_campaign.worlds.frames import Vec3
-from wil_campaign.worlds.jit import F64
 
 os.environ.setdefault("JSBSIM_DEBUG", "0")
 
@@ -51,12 +57,64 @@ class _Silent(object if jsbsim is None else jsbsim.FGLogger):  # type: ignore[mi
         """Do nothing: no message of JSBSim is kept."""
 
 
-class Plant:
-    """The simulated plant: one JSBSim quadrotor on flat ground.
+class Plant(ABC):
+    """The simulated plant: one quadrotor on flat ground.
 
     `motor_factors` multiply the commanded thrusts: the spread between motors. Positions are NED
-    metres from its position after settling, which is `zero` in JSBSim's metres.
+    metres from its position after settling.
     """
+
+    def __init__(self, motor_factors: Thrusts) -> None:
+        self._spread = tuple(map(float, motor_factors))
+        self._factors = list(self._spread)
+        self.array = np.zeros(BODY_NUMBERS)
+        """The body array (see motion_kernel): the plant sets its own numbers."""
+        self._raw, self._zero = self.array[RAW], self.array[ZERO]
+
+    @abstractmethod
+    def step(self, thrusts: Thrusts) -> None:
+        """Advance the plant by one step with these commands, in newtons per motor."""
+
+    @abstractmethod
+    def thrusts(self) -> Thrusts:
+        """Return each motor's thrust in the plant, newtons: lagging its command."""
+
+    @abstractmethod
+    def on_ground(self) -> bool:
+        """Return whether a leg of the plant touches the ground."""
+
+    @abstractmethod
+    def set_wind(self, wind_ned_m_s: Vec3) -> None:
+        """Set the plant's wind, towards north, east and down."""
+
+    def motion(self) -> Motion:
+        """Return the plant's true motion. Raises PlantError when a number is not finite."""
+        motion = np.zeros(NUMBERS)
+        if not read(self._raw, self._zero, motion):
+            raise self.divergence()
+        return motion_of(motion)
+
+    def divergence(self) -> PlantError:
+        """Return the error of a plant whose motion is not finite."""
+        n, e, u, vn, ve, vd, roll, pitch, yaw, p, q, r, *_ = self._raw.tolist()
+        return PlantError(
+            f"the simulation diverged: position {(n, e, u)} ft, "
+            f"velocity {(vn, ve, vd)} ft/s, attitude {(roll, pitch, yaw)}, rates {(p, q, r)}"
+        )
+
+    def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
+        """Multiply the thrust that one motor of the plant has by itself by this factor; 1 mends."""
+        self._factors[index] = self._spread[index] * factor
+
+    def _settle(self, dt_s: float) -> None:
+        """Let the plant's legs settle, then set the origin of positions there."""
+        for _ in range(round(0.5 / dt_s)):
+            self.step((0.0, 0.0, 0.0, 0.0))
+        self._zero[:] = self.motion().position_ned_m
+
+
+class JsbsimPlant(Plant):
+    """The plant in JSBSim."""
 
     def __init__(
         self,
@@ -70,6 +128,7 @@ class Plant:
         yaw_rad: float,
         rate_hz: int,
     ) -> None:
+        super().__init__(motor_factors)
         if jsbsim is None:
             raise PlantError(NO_JSBSIM)
         jsbsim.set_logger(_Silent())
@@ -78,14 +137,11 @@ class Plant:
         fdm.set_debug_level(0)
         if not fdm.load_model("quadx"):
             raise PlantError(f"JSBSim cannot load the aircraft in {root}")
-        self._spread = motor_factors
-        self._factors = list(motor_factors)
         self._dt_s = 1.0 / rate_hz
         self._start(airframe, latitude_deg, longitude_deg, altitude_m, yaw_rad)
         self._bind()
-        self._raw, self.zero = np.zeros(NUMBERS), np.zeros(3)
         self._bytes = self._raw.data.cast("B")
-        self._settle()
+        self._settle(self._dt_s)
 
     def step(self, thrusts: Thrusts) -> None:
         """Advance the plant by one step with these commands, in newtons per motor."""
@@ -96,26 +152,7 @@ class Plant:
         commands[2](thrusts[2] * factors[2])
         commands[3](thrusts[3] * factors[3])
         self._run()
-
-    def motion(self) -> Motion:
-        """Return the plant's true motion. Raises PlantError when a number is not finite."""
-        motion = np.zeros(NUMBERS)
-        if not read(self.numbers(), self.zero, motion):
-            raise self.divergence()
-        return motion_of(motion)
-
-    def numbers(self) -> F64:
-        """Return JSBSim's numbers of the motion, for the kernels; the same array at each call."""
         _NUMBERS.pack_into(self._bytes, 0, *[get() for get in self._motion_getters])
-        return self._raw
-
-    def divergence(self) -> PlantError:
-        """Return the error of a plant whose motion is not finite."""
-        n, e, u, vn, ve, vd, roll, pitch, yaw, p, q, r, *_ = self._raw.tolist()
-        return PlantError(
-            f"the simulation diverged: position {(n, e, u)} ft, "
-            f"velocity {(vn, ve, vd)} ft/s, attitude {(roll, pitch, yaw)}, rates {(p, q, r)}"
-        )
 
     def thrusts(self) -> Thrusts:
         """Return each motor's thrust in the plant, newtons: lagging its command."""
@@ -132,22 +169,17 @@ class Plant:
         for set_speed, speed in zip(self._wind_setters, wind_ned_m_s, strict=True):
             set_speed(speed / _METRES_PER_FOOT)
 
-    def fail_motor(self, index: int, *, factor: float = 0.0) -> None:
-        """Multiply the thrust that one motor of the plant has by itself by this factor; 1 mends."""
-        self._factors[index] = self._spread[index] * factor
-
     def _start(
         self, airframe: Airframe, latitude_deg: float, longitude_deg: float, altitude_m: float,
         yaw_rad: float,
     ) -> None:  # fmt: skip
         fdm = self._fdm
         fdm.set_dt(self._dt_s)
-        standing_m = airframe.leg_height_m - airframe.hover_thrust_n / airframe.leg_stiffness_n_m
         fdm["ic/lat-geod-deg"] = latitude_deg
         fdm["ic/long-gc-deg"] = longitude_deg
         fdm["ic/terrain-elevation-ft"] = altitude_m / _METRES_PER_FOOT
         fdm["ic/psi-true-deg"] = math.degrees(yaw_rad) % 360.0
-        fdm["ic/h-agl-ft"] = standing_m / _METRES_PER_FOOT
+        fdm["ic/h-agl-ft"] = airframe.standing_m / _METRES_PER_FOOT
         fdm["atmosphere/turb-type"] = _TURBULENCE_NONE
         if not fdm.run_ic():
             raise PlantError("JSBSim does not start from the initial conditions")
@@ -182,9 +214,3 @@ class Plant:
         self._wind_setters = setters(
             *(f"atmosphere/wind-{axis}-fps" for axis in ("north", "east", "down"))
         )
-
-    def _settle(self) -> None:
-        """Let the plant's legs settle, then set the origin of positions there."""
-        for _ in range(round(0.5 / self._dt_s)):
-            self.step((0.0, 0.0, 0.0, 0.0))
-        self.zero[:] = self.motion().position_ned_m

@@ -95,7 +95,6 @@ class FeedClient:
             callback(reading)
 
     def _pass_truth(self, sample: TruthSample) -> None:
-        """Pass a truth sample of the feed to the callbacks that are due."""
         self._truth = sample
         for interval_s, callback, due_s in self._truths:
             if sample.t_s >= due_s[0] - 1e-3:
@@ -108,6 +107,5 @@ class FeedClient:
         return self._seq_out
 
     def _send(self, message: ToVehicle) -> None:
-        """Send a message to the embedded vehicle's process."""
         if self._socket is not None:
             self._socket.send(to_vehicle.encode(message))

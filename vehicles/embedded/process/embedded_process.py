@@ -101,7 +101,6 @@ class FeedEnd(asyncio.DatagramProtocol):
         self._send(Mocap(self._seq, reading))
 
     def _send(self, message: FromVehicle) -> None:
-        """Send a message on the embedded process's feed."""
         self._seq += 1
         packet = from_vehicle.encode(message)
         if self._inherited is not None:
@@ -221,7 +220,6 @@ def _report_fault(text: str) -> None:
 
 
 def _restamp_truth(last: TruthSample, new: TruthSample) -> TruthSample:
-    """Return a truth sample with the time of another."""
     return last._replace(t_s=new.t_s)
 
 
@@ -236,7 +234,6 @@ def _print_text(boot_s: float, message: Any) -> None:
 
 
 def _on_stdin(stop: Callable[[], None]) -> None:
-    """Stop the embedded process when its stdin ends."""
     if not os.read(sys.stdin.fileno(), 4096):
         asyncio.get_running_loop().remove_reader(sys.stdin.fileno())
         stop()

@@ -5,7 +5,11 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from wil_campaign.vehicles.embedded.physics.config import AutopilotKind, EmbeddedConfig
+from wil_campaign.vehicles.embedded.physics.config import (
+    AutopilotKind,
+    EmbeddedConfig,
+    Physics,
+)
 from wil_campaign.vehicles.embedded.profile import load_profile
 from wil_campaign.worlds.frames import Pose
 
@@ -48,6 +52,7 @@ class ProcessSettings(_Part):
     autopilot: AutopilotKind
     link: str
     seed: int
+    physics: Physics = "jsbsim"
     profile: str = "nominal"
     source: Literal["real", "twin"] = "real"
     system_id: int = Field(default=1, ge=1, le=255)
@@ -77,6 +82,7 @@ class ProcessSettings(_Part):
         start = self.start
         return EmbeddedConfig(
             autopilot=self.autopilot,
+            physics=self.physics,
             profile=load_profile(self.profile),
             source=self.source,
             system_id=self.system_id,

@@ -78,7 +78,6 @@ def redacted_address(address: str) -> str:
 
 
 def _rtp(address: str, sdp: str | None) -> AvInput:
-    """Return PyAV's input for an RTP address or session."""
     return AvInput("rtp", address, "sdp", {**_NETWORK, "protocol_whitelist": "file,udp,rtp"}, sdp)
 
 

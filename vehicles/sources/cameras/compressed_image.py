@@ -31,8 +31,6 @@ def decoder_for(schema: str, encoding: str) -> Decode | None:
 
 
 def _guard_decoder(decode: Decode) -> Decode:
-    """Return a compressed image decoder that raises BadMessageError for any fault."""
-
     def guarded(message: bytes) -> CompressedImage:
         try:
             return decode(message)
@@ -122,7 +120,6 @@ def _fields(message: bytes) -> Mapping[int, int | bytes]:
 
 
 def _varint(message: bytes, at: int) -> tuple[int, int]:
-    """Return a protobuf varint of a compressed image message, and its end."""
     value, shift = 0, 0
     while shift < 70:
         byte = message[at]

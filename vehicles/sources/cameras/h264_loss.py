@@ -110,7 +110,6 @@ def _skip_chroma(bits: _Bits) -> bool:
 
 
 def _skip_scaling_list(bits: _Bits, size: int) -> None:
-    """Skip a scaling list in H.264's sequence parameters."""
     last, following = 8, 8
     for _ in range(size):
         if following:

@@ -82,7 +82,6 @@ class _Handoff:
         self._wake()
 
     def end(self, error: SourceError) -> None:
-        """End the live camera's queue with an error."""
         self.error = error
         self._wake()
 

@@ -178,7 +178,6 @@ def _messages(stream: IO[bytes], summary: Summary | None, topic: str) -> Iterato
 
 
 def _messages_in_file_order(stream: IO[bytes], topic: str) -> Iterator[Message]:
-    """Yield the messages of a topic in the order in which the file has them."""
     channels: set[int] = set()
     for record in _records(stream):
         if isinstance(record, Channel) and record.topic == topic:
@@ -188,7 +187,6 @@ def _messages_in_file_order(stream: IO[bytes], topic: str) -> Iterator[Message]:
 
 
 def _records(stream: IO[bytes]) -> Iterator[Schema | Channel | Message]:
-    """Yield all schemas, channels and messages of an MCAP file, whether in chunks or not."""
     stream.seek(0)
     reader = StreamReader(stream, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES)
     for record in reader.records:
@@ -216,5 +214,4 @@ def _image_topics(stream: IO[bytes], summary: Summary | None) -> dict[str, Decod
 
 
 def _records_but_messages(stream: IO[bytes]) -> Iterator[Schema | Channel]:
-    """Yield the schemas and channels of an MCAP file that has no index of them."""
     return (one for one in _records(stream) if not isinstance(one, Message))

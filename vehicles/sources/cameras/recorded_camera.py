@@ -1,17 +1,15 @@
 """Recorded cameras: plays a recording's images at the times at which they were taken."""
 
 import asyncio
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, Self, TypeVar
+from typing import Protocol, Self
 
 from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, Source
 from wil_campaign.vehicles.sources.camera_source import SourceCounts, SourceError
 from wil_campaign.vehicles.sources.cameras.frame_stamps import Stamper, check_size, source_counts
+from wil_campaign.vehicles.sources.file_player import FilePlayer, PlayedFile
 from wil_campaign.worlds.camera import Intrinsics
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,31 +20,19 @@ class RecordedImage:
     image_bgr: BgrImage
 
 
-class ImageFile(Protocol):
-    """Reads a recorded camera's images (protocol); blocking; used by one thread at a time."""
-
-    @property
-    def name(self) -> str:
-        """Return the recorded camera file's name in messages."""
-
-    def open(self) -> None:
-        """Open the recorded camera's file. Raises SourceError."""
+class ImageFile(PlayedFile, Protocol):
+    """Reads a recorded camera's images (protocol)."""
 
     def next(self) -> RecordedImage | None:
         """Return the next recorded image; None at the end. Raises SourceError."""
 
-    def close(self) -> None:
-        """Close the recorded camera's file; called once, also after a failed `open`."""
 
-
-class RecordedCamera:
+class RecordedCamera(FilePlayer[ImageFile]):
     """A recorded camera, played from its opening on; a CameraSource for any clock.
 
     latency_s: from an image's exposure to its delivery. An image whose successor is due as well
     is dropped, as a live camera's would be; in virtual time none is.
     """
-
-    kind: Literal["file"] = "file"
 
     def __init__(
         self,
@@ -58,11 +44,10 @@ class RecordedCamera:
     ) -> None:
         self.name = file.name
         self.intrinsics = intrinsics
-        self._file = file
+        super().__init__(file)
         self._latency_s = latency_s
         self._stamper = Stamper(name=file.name, side=side, intrinsics=intrinsics)
         self._next_image: RecordedImage | None = None
-        self._file_job: asyncio.Future[Any] | None = None
         self._start_s = 0.0
         self._delivered = 0
         self._dropped = 0
@@ -83,14 +68,6 @@ class RecordedCamera:
             raise
         self._next_image = first
         self._start_s = asyncio.get_running_loop().time()
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        """Close the recorded camera's file."""
-        await self._close()
-
-    def __aiter__(self) -> Self:
-        """Return the recorded camera itself."""
         return self
 
     async def __anext__(self) -> CameraReading:
@@ -126,14 +103,3 @@ class RecordedCamera:
         if first is None:
             raise SourceError(f"{self.name}: the recording has no image")
         check_size(self.name, first.image_bgr, self.intrinsics)
-
-    async def _in_thread(self, job: Callable[[], T]) -> T:
-        job_future = asyncio.get_running_loop().run_in_executor(None, job)
-        self._file_job = job_future
-        return await asyncio.shield(job_future)
-
-    async def _close(self) -> None:
-        # The reader may have been cancelled while its thread still works on the file.
-        if self._file_job is not None and not self._file_job.done():
-            await asyncio.wait({self._file_job})
-        self._file.close()

@@ -82,7 +82,6 @@ class UdpCapture(asyncio.DatagramProtocol):
             self._sender = addr
 
     def _is_sender(self, addr: tuple[str, int]) -> bool:
-        """Return whether an address is that of the sender, or may become it."""
         if self._sender is not None:
             return addr == self._sender
         return not self._named or self._named in {addr[0], _text(addr)}

@@ -147,7 +147,6 @@ class MotionCapture:
 
 
 def _header(data: bytes | memoryview) -> Header:
-    """Return the header of a motion capture message. Raises BadMessageError."""
     if bytes(data[:1]) != b"{":
         return Header.unpack(data)
     try:
@@ -175,5 +174,4 @@ def _body(header: Header, *, is_enu: bool) -> BodyPose:
 
 
 def _vector(numbers: Sequence[float]) -> Vec3:
-    """Return three numbers of a motion capture message as a vector."""
     return (numbers[0], numbers[1], numbers[2])

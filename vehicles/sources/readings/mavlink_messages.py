@@ -76,6 +76,11 @@ class Times:
     arrived_s: float
     side: Source
 
+    @property
+    def stamps(self) -> tuple[float, float, int, Source]:
+        """Return the first fields of its reading: times, number 0, vehicle."""
+        return self.t_s, self.arrived_s, 0, self.side
+
 
 @dataclass(frozen=True, slots=True)
 class Beams:
@@ -140,10 +145,7 @@ def rangefinder_reading(
     if range_m > high_m or message.signal_quality == _NO_SIGNAL:
         range_m = math.inf
     return RangefinderReading(
-        t_s=times.t_s,
-        arrived_s=times.arrived_s,
-        seq=0,
-        source=times.side,
+        *times.stamps,
         range_m=range_m,
         range_min_m=low_m,
         range_max_m=high_m,
@@ -176,10 +178,7 @@ def lidar_reading(
     low_m, high_m = message.min_distance * _CM, message.max_distance * _CM
     reach.require(low_m, high_m)
     return LidarScanReading(
-        t_s=times.t_s,
-        arrived_s=times.arrived_s,
-        seq=0,
-        source=times.side,
+        *times.stamps,
         ranges_m=_beam_ranges(message.distances, first_rad, width_rad, pattern, high_m),
         start_angle_rad=pattern.start_angle_rad,
         step_rad=pattern.step_rad,
@@ -226,10 +225,7 @@ def imu_reading(message: Any, times: Times) -> ImuReading:
         acceleration = tuple(a * _MILLI * _STANDARD_G for a in acceleration)
         rates = tuple(r * _MILLI for r in rates)
     return ImuReading(
-        t_s=times.t_s,
-        arrived_s=times.arrived_s,
-        seq=0,
-        source=times.side,
+        *times.stamps,
         specific_force_frd_m_s2=(acceleration[0], acceleration[1], acceleration[2]),
         rates_frd_rad_s=(rates[0], rates[1], rates[2]),
     )
@@ -268,10 +264,7 @@ def gps_reading(
     north_m_s, east_m_s = speed_m_s * math.cos(cog_rad), speed_m_s * math.sin(cog_rad)
     seen = message.satellites_visible
     return GpsReading(
-        t_s=times.t_s,
-        arrived_s=times.arrived_s,
-        seq=0,
-        source=times.side,
+        *times.stamps,
         latitude_deg=message.lat * 1e-7,
         longitude_deg=message.lon * 1e-7,
         altitude_m=altitude_m,

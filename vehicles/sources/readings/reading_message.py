@@ -59,6 +59,11 @@ class Sampled:
     side: Source
     mount: Pose
 
+    @property
+    def stamps(self) -> tuple[float, float, int, Source]:
+        """Return the first fields of its reading: times, number 0, vehicle."""
+        return self.t_s, self.arrived_s, 0, self.side
+
 
 def read_header(data: bytes | memoryview) -> Header:
     """Return a message's map, from MessagePack or JSON. Raises BadMessageError."""
@@ -100,10 +105,7 @@ def _numbers(header: Header, kind: str, when: Sampled) -> Any:
 
 def _rangefinder(header: Header, when: Sampled) -> RangefinderReading:
     return RangefinderReading(
-        t_s=when.t_s,
-        arrived_s=when.arrived_s,
-        seq=0,
-        source=when.side,
+        *when.stamps,
         range_m=header.number("range_m") if "range_m" in header else math.inf,
         range_min_m=header.number("range_min_m"),
         range_max_m=header.number("range_max_m"),
@@ -113,10 +115,7 @@ def _rangefinder(header: Header, when: Sampled) -> RangefinderReading:
 
 def _lidar(header: Header, when: Sampled) -> LidarScanReading:
     return LidarScanReading(
-        t_s=when.t_s,
-        arrived_s=when.arrived_s,
-        seq=0,
-        source=when.side,
+        *when.stamps,
         ranges_m=header.array("ranges_m", np.dtype("<f4"), most=_MOST_BEAMS),
         start_angle_rad=header.number("start_angle_rad"),
         step_rad=header.number("step_rad"),
@@ -131,10 +130,7 @@ def _points(header: Header, when: Sampled) -> LidarPointsReading:
     if len(flat) % 3:
         raise BadMessageError(f"`points_frd_m` has {len(flat)} numbers: three for each point")
     return LidarPointsReading(
-        t_s=when.t_s,
-        arrived_s=when.arrived_s,
-        seq=0,
-        source=when.side,
+        *when.stamps,
         points_frd_m=flat.reshape(-1, 3),
         mount=when.mount,
     )
@@ -142,10 +138,7 @@ def _points(header: Header, when: Sampled) -> LidarPointsReading:
 
 def _gps(header: Header, when: Sampled) -> GpsReading:
     return GpsReading(
-        t_s=when.t_s,
-        arrived_s=when.arrived_s,
-        seq=0,
-        source=when.side,
+        *when.stamps,
         latitude_deg=header.number("latitude_deg"),
         longitude_deg=header.number("longitude_deg"),
         altitude_m=header.number("altitude_m"),
@@ -159,10 +152,7 @@ def _gps(header: Header, when: Sampled) -> GpsReading:
 
 def _imu(header: Header, when: Sampled) -> ImuReading:
     return ImuReading(
-        t_s=when.t_s,
-        arrived_s=when.arrived_s,
-        seq=0,
-        source=when.side,
+        *when.stamps,
         specific_force_frd_m_s2=_vector(header, "specific_force_frd_m_s2"),
         rates_frd_rad_s=_vector(header, "rates_frd_rad_s"),
     )
@@ -186,10 +176,7 @@ def _pose(header: Header, when: Sampled) -> PoseReading:
 
 def _microphone(header: Header, when: Sampled) -> MicrophoneReading:
     return MicrophoneReading(
-        t_s=when.t_s,
-        arrived_s=when.arrived_s,
-        seq=0,
-        source=when.side,
+        *when.stamps,
         samples=header.array("samples", np.dtype("<i2"), most=_MOST_SAMPLES),
         sample_rate_hz=header.whole("sample_rate_hz", low=1000, high=192_000),
         full_scale_pa=header.number("full_scale_pa"),
@@ -197,7 +184,6 @@ def _microphone(header: Header, when: Sampled) -> MicrophoneReading:
 
 
 def _vector(header: Header, key: str) -> Vec3:
-    """Return three numbers of a message as a vector."""
     x, y, z = header.numbers(key, 3)
     return (x, y, z)
 

@@ -1,56 +1,41 @@
 """Plays a recording of a sensor from its opening on, in its own time."""
 
 import asyncio
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, Literal, Protocol, Self, TypeVar
+from typing import Protocol, Self
 
 from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
 from wil_campaign.vehicles.readings import Reading, Source
 from wil_campaign.vehicles.readings.checks import fault_after, fault_of
 from wil_campaign.vehicles.sources.camera_source import SourceCounts, SourceError
+from wil_campaign.vehicles.sources.file_player import FilePlayer, PlayedFile
 
-T = TypeVar("T")
 
-
-class ReadingFile(Protocol):
-    """Reads a recorded sensor's readings (protocol); blocking; used by one thread at a time."""
-
-    @property
-    def name(self) -> str:
-        """Return the recording's name in messages."""
+class ReadingFile(PlayedFile, Protocol):
+    """Reads a recorded sensor's readings (protocol)."""
 
     @property
     def unusable(self) -> int:
         """Return how many unusable messages were skipped so far."""
 
-    def open(self) -> None:
-        """Open the recording. Raises SourceError."""
-
     def next(self) -> Reading | None:
         """Return the next reading, stamped as it was; None at the end. Raises SourceError."""
 
-    def close(self) -> None:
-        """Close the recording; called once, also after a failed `open`."""
 
-
-class RecordedReadings:
+class RecordedReadings(FilePlayer[ReadingFile]):
     """A recorded sensor, played from its opening on; a ReadingSource for any clock.
 
     latency_s: the least time from a reading's sampling to its delivery; one that was later when
     it was recorded is as late again. Faulty readings are counted as damaged.
     """
 
-    kind: Literal["file"] = "file"
-
     def __init__(self, *, file: ReadingFile, side: Source, latency_s: float = 0.0) -> None:
         self.name = file.name
-        self._file = file
+        super().__init__(file)
         self._side: Source = side
         self._latency_s = latency_s
         self._next_reading: Reading | None = None
         self._previous: Reading | None = None
-        self._file_job: asyncio.Future[Any] | None = None
         self._shift_s = 0.0
         self._seq = -1
         self._delivered = 0
@@ -72,14 +57,6 @@ class RecordedReadings:
         self._shift_s = asyncio.get_running_loop().time() - first.t_s
         return self
 
-    async def __aexit__(self, *_: object) -> None:
-        """Close the recording."""
-        await self._close()
-
-    def __aiter__(self) -> Self:
-        """Return the recording itself."""
-        return self
-
     async def __anext__(self) -> Reading:
         """Wait for the next recorded reading. Raises SourceError, or StopAsyncIteration."""
         reading = self._next_reading
@@ -94,7 +71,6 @@ class RecordedReadings:
         return replace(reading, t_s=t_s, arrived_s=now_s, seq=self._seq, source=self._side)
 
     async def _read_first(self) -> Reading:
-        """Return the recording's first reading. Raises SourceError without one."""
         if (reading := await self._read_next_faultless()) is None:
             raise SourceError(f"{self.name}: has no usable reading")
         return reading
@@ -107,14 +83,3 @@ class RecordedReadings:
                 return reading
             self._damaged += 1
         return None
-
-    async def _in_thread(self, job: Callable[[], T]) -> T:
-        job_future = asyncio.get_running_loop().run_in_executor(None, job)
-        self._file_job = job_future
-        return await asyncio.shield(job_future)
-
-    async def _close(self) -> None:
-        # The reader may have been cancelled while its thread still works on the file.
-        if self._file_job is not None and not self._file_job.done():
-            await asyncio.wait({self._file_job})
-        self._file.close()

@@ -82,10 +82,7 @@ def _rangefinder(message: Any, when: Sampled) -> RangefinderReading:
     if range_m == -math.inf:
         range_m = low_m  # REP 117: something is nearer than that
     return RangefinderReading(
-        t_s=when.t_s,
-        arrived_s=when.arrived_s,
-        seq=0,
-        source=when.side,
+        *when.stamps,
         range_m=math.inf if range_m > high_m else range_m,
         range_min_m=low_m,
         range_max_m=high_m,
@@ -105,10 +102,7 @@ def _lidar(message: Any, when: Sampled) -> LidarScanReading:
     last_rad = float(message.angle_min) + (len(ranges_m) - 1) * step_rad
     # ROS counts beams to the left: in reverse they count to the right.
     return LidarScanReading(
-        t_s=when.t_s,
-        arrived_s=when.arrived_s,
-        seq=0,
-        source=when.side,
+        *when.stamps,
         ranges_m=np.where(missed, np.float32(np.inf), ranges_m)[::-1],
         start_angle_rad=-last_rad,
         step_rad=step_rad,
@@ -133,10 +127,7 @@ def _points(message: Any, when: Sampled) -> LidarPointsReading:
     cloud = np.frombuffer(bytes(message.data), kind, count=message.width * message.height)
     flu_m = np.stack([cloud[name] for name in names], axis=-1).astype(np.float32)
     return LidarPointsReading(
-        t_s=when.t_s,
-        arrived_s=when.arrived_s,
-        seq=0,
-        source=when.side,
+        *when.stamps,
         points_frd_m=flu_m[np.isfinite(flu_m).all(axis=1)] * np.array((1, -1, -1), np.float32),
         mount=when.mount,
     )
@@ -147,10 +138,7 @@ def _imu(message: Any, when: Sampled) -> ImuReading:
         if getattr(message, f"{name}_covariance")[0] == -1.0:
             raise BadMessageError(f"it has no {name} ({name}_covariance begins with -1)")
     return ImuReading(
-        t_s=when.t_s,
-        arrived_s=when.arrived_s,
-        seq=0,
-        source=when.side,
+        *when.stamps,
         specific_force_frd_m_s2=frd_from_flu(_vector(message.linear_acceleration)),
         rates_frd_rad_s=frd_from_flu(_vector(message.angular_velocity)),
     )
@@ -163,10 +151,7 @@ def _gps(message: Any, when: Sampled) -> GpsReading:
         raise BadMessageError("it has no accuracy (position_covariance_type is 0)")
     east, north, up = (float(message.position_covariance[at]) for at in (0, 4, 8))
     return GpsReading(
-        t_s=when.t_s,
-        arrived_s=when.arrived_s,
-        seq=0,
-        source=when.side,
+        *when.stamps,
         latitude_deg=float(message.latitude),
         longitude_deg=float(message.longitude),
         altitude_m=float(message.altitude),
@@ -179,7 +164,6 @@ def _gps(message: Any, when: Sampled) -> GpsReading:
 
 
 def _add_velocity(fix: GpsReading, before: GpsReading) -> GpsReading:
-    """Return a fix with the velocity that the one before it implies."""
     took_s = fix.t_s - before.t_s
     if took_s <= 0.0:
         return fix

@@ -155,5 +155,4 @@ def _metres(millimetres: NDArray[Any]) -> DepthImage:
 
 
 def _unknown(name: str, encoding: str, known: tuple[str, ...]) -> BadMessageError:
-    """Return the error of an unknown encoding of an image part."""
     return BadMessageError(f"{name} encoding {encoding!r:.40}; known are {', '.join(known)}")

@@ -187,7 +187,6 @@ class ZmqImageSource:
             return image
 
     def _connect(self) -> "zmq.Socket[bytes]":
-        """Return a new socket connected to the simulator."""
         socket = self._context.socket(zmq.DEALER)
         socket.setsockopt(zmq.LINGER, 0)
         # A request is for a simulator that is connected now, not queued for one that returns later.
@@ -212,7 +211,6 @@ class ZmqImageSource:
             self.welcome = self._request(hello, welcome_of, self._open_timeout_s)
 
     def _send(self, parts: Sequence[Buffer], deadline_s: float) -> None:
-        """Send a request to the simulator. Raises SimulatorTimeoutError."""
         if not self._socket.poll(_left_ms(deadline_s), zmq.POLLOUT):
             self._count(timeouts=1)
             raise SimulatorTimeoutError(
@@ -255,20 +253,16 @@ class ZmqImageSource:
         return parts[1:] if len(parts[0]) == 0 else parts
 
     def _count(self, **more: int) -> None:
-        """Count outcomes of requests to the simulator."""
         changed = {name: getattr(self.counts, name) + n for name, n in more.items()}
         self.counts = replace(self.counts, **changed)
 
     async def _close(self) -> None:
-        """Close the simulator's socket in a thread."""
         await asyncio.to_thread(self._close_socket)
 
     def _close_socket(self) -> None:
-        """Close the simulator's socket and context."""
         with self._lock:
             self._context.destroy(linger=0)
 
 
 def _left_ms(deadline_s: float) -> int:
-    """Return the milliseconds left to wait for the simulator."""
     return max(0, round((deadline_s - time.monotonic()) * 1000.0))

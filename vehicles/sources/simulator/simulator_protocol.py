@@ -177,7 +177,6 @@ def _refused(header: Header) -> RefusedError:
 
 
 def _header(parts: Sequence[Buffer]) -> Header:
-    """Return the header of a simulator protocol's message. Raises BadMessageError."""
     if not 1 <= len(parts) <= MAX_ANSWER_PARTS:
         raise BadMessageError(f"it has {len(parts)} parts")
     header = Header.unpack(parts[0])
@@ -220,5 +219,4 @@ def _check_echo(header: Header, ask: Ask) -> None:
 
 
 def _wanted_parts(ask: Ask) -> list[str]:
-    """Return the names of the parts that a protocol request wants."""
     return ["image", *["depth"] * ask.want_depth, *["ids"] * ask.want_ids]

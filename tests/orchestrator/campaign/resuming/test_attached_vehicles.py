@@ -8,9 +8,11 @@ import pytest
 from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
 from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.reevaluation import _as_settled
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import (
     attached_vehicles,
     flown_vehicles,
+    with_open_poses,
 )
 from wil_campaign.orchestrator.cli.arming_consent import clear
 from wil_campaign.orchestrator.cli.clock_choice import clock_for
@@ -43,6 +45,33 @@ def test_a_part_without_a_real_vehicle_is_flown_beside_one_with_it(hover: Path) 
     assert clock_for(whole, None) == "virtual"
     cleared = clear(whole, FlightOptions(jobs=1))
     assert cleared == Cleared("virtual", 1, "embedded")
+
+
+def gate_at(pose_source: str) -> Campaign:
+    link = "vehicles.real.link=udpin://127.0.0.1:14540"
+    given = (link, f"vehicles.real.pose_source={pose_source}")
+    return load_campaign(GATE, Options(modes=("wil",), sets=given, loads_code=False))
+
+
+def test_a_pose_source_is_open_where_a_campaign_gives_none(hover: Path) -> None:
+    assert with_open_poses(gate_at("null")) == ("real",)
+    assert with_open_poses(gate_at("mavlink")) == ()
+    whole = composed(hover.parent, f"gate: {GATE}", sets=gate_at("null").options.sets)
+    assert with_open_poses(whole) == ()
+
+
+def test_flights_are_judged_again_by_the_pose_source_that_they_were_judged_by() -> None:
+    truth = "vehicles.real.pose_source=simulator"
+    flown = {"options": {"set": ["goal.altitude_m=1", truth]}}
+    judged = _as_settled(gate_at("null"), flown)
+    assert {one.vehicles["real"].pose_source for one in judged.setups.values()} == {"simulator"}
+    assert judged.options.sets[-1] == truth
+    for campaign, manifest in (
+        (gate_at("mavlink"), flown),
+        (gate_at("null"), {"options": {"set": ["goal.altitude_m=1"]}}),
+        (gate_at("null"), {"options": None}),
+    ):
+        assert _as_settled(campaign, manifest) is campaign
 
 
 def test_a_pace_is_asked_of_the_planned_runs_alone(hover: Path) -> None:

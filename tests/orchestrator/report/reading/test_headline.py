@@ -61,6 +61,17 @@ def test_a_vehicle_of_which_less_is_known(
     assert line_of(missed(), poses, nearest) == f"The real vehicle {words}."
 
 
+def test_a_clearance_says_the_worst_value_first() -> None:
+    oracle = OracleResult(
+        "clearance", "twin", True, "FAIL", 0.214, 0.35, "m", -0.136, 17.0, "closest to pillar.box"
+    )
+    found = headline_of(touched(), oracle, [], stages=STAGES, at_s=16.43)
+    assert found == (
+        "The twin came within 0.214 m of pillar.box (limit 0.35 m, crossed 6.4 s after the goal "
+        "was given)."
+    )
+
+
 def test_a_contact_says_when_and_how_fast() -> None:
     (oracle,) = touched().oracles
     found = headline_of(touched(), oracle, [], stages=STAGES, at_s=14.2, speed_m_s=0.84)

@@ -276,6 +276,22 @@ def test_a_cause_names_the_rule_in_words_and_what_a_limit_of_contact_means() -> 
     assert not {"nearest", "at worst", "limit"} & set(facts)
 
 
+def test_a_rule_has_the_value_of_its_limit() -> None:
+    near = OracleResult("clearance", "twin", True, "FAIL", 0.2, 0.35, "m", -0.15, 8.0, "gate")
+    cause = cause_of(failed(near), (), goal_s=0.0, passed=None)
+    assert cause is not None
+    assert dict(cause.facts)["rule"] == "twin keeps at least 0.35 m from everything"
+
+
+def test_an_error_is_not_explained_by_an_oracle_that_never_began() -> None:
+    missed = OracleResult("reached_position", "twin", True, "FAIL", None, 0.5, "m", None, None, "-")
+    reason = "twin: not at 1.2 m within 30 s; last STATUSTEXT: none"
+    result = replace(failed(missed), verdict="ERROR", reason=reason, decided_by="")
+    cause = cause_of(result, (), goal_s=None, passed=None)
+    assert cause is not None
+    assert (cause.oracle, cause.violated) == ("", "twin: not at 1.2 m within 30 s")
+
+
 def test_a_physical_contact_is_explained_by_its_oracle_and_in_the_order_of_time() -> None:
     touch = OracleResult(
         "collision", "real", True, "FAIL", 0.0, 0.0, "m", 0.0, 8.0, "touched gate.left"

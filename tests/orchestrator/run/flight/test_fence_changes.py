@@ -62,6 +62,17 @@ def test_a_new_fence_holds_for_both_and_the_flight_goes_on(fly_run: Fly) -> None
     assert change == FenceChange(change.at_s, "anna", ("real", "twin"))
 
 
+def test_a_first_fence_holds_where_there_was_none(fly_run: Fly) -> None:
+    sets = ("geofence=null", "oracles={landed: {}, reached: {required: false}}", "controls={}")
+    result, folder = fly_run(boots=True, inbox=Asks(TIGHTER), sets=(*AHEAD, *sets))
+    assert (result.verdict, result.reason) == ("PASS", "")
+    assert guard_events(folder) == [("geofence", "anna changed the fence of real and twin")]
+    narrow, fallen = fly_run(boots=True, inbox=Asks(NARROW), sets=sets)
+    assert narrow.verdict == "FAIL"
+    assert [kind for kind, _ in guard_events(fallen)][:2] == ["geofence", "fence"]
+    assert all_landed(fallen)
+
+
 def test_a_vehicle_that_leaves_the_new_fence_is_brought_down(fly_run: Fly) -> None:
     result, folder = fly_run(boots=True, inbox=Asks(NARROW))
     assert result.verdict == "FAIL"

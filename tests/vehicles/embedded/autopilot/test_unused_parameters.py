@@ -19,6 +19,12 @@ from wil_campaign.vehicles.embedded.autopilot.known_parameters import (
 _ROOT = Path(__file__).parents[4]
 _PAGE = (_ROOT / "docs" / "vehicle.md").read_text(encoding="utf-8")
 _LISTS: dict[str, str] = {"px4": "PX4", "ardupilot": "ArduCopter"}
+REFUSED = {"px4": ["EKF2_EV_CTRL"], "ardupilot": ["ARMING_CHECK", "RNGFND1_TYPE"]}
+COMMON = {
+    "px4": "MPC_ACC_HOR_MAX MPC_JERK_MAX MPC_TILTMAX_LND MPC_THR_MIN MPC_THR_MAX SIM_BAT_DRAIN",
+    "ardupilot": "SIM_SPEEDUP SIM_WIND_SPD SIM_WIND_DIR FLTMODE1 LOG_BITMASK",
+}
+"""What scripts commonly set, and the firmwares have: it is there, with or without an effect."""
 AUTOPILOTS: tuple[AutopilotName, ...] = get_args(AutopilotName)
 EFFECTS = {"px4": ("RTL_TYPE", "RTL_RETURN_ALT"), "ardupilot": ("FS_EKF_ACTION", "RTL_ALT_FINAL")}
 """A parameter without and one with effect, of each; both are whole numbers but RTL_RETURN_ALT."""
@@ -100,11 +106,16 @@ def test_a_text_fits_into_one_message() -> None:
 
 
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
+def test_what_scripts_commonly_set_is_there(autopilot: AutopilotName) -> None:
+    assert not set(COMMON[autopilot].split()) - set(known_parameters(autopilot))
+
+
+@pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_parameters_that_the_page_lists_as_refused_are_refused(autopilot: AutopilotName) -> None:
     pattern = rf"^{_LISTS[autopilot]}: ((?:`\w+`[,.]\s)+)"
     _, listed = re.findall(pattern, _PAGE, re.MULTILINE)
     names = re.findall(r"`(\w+)`", listed)
-    assert len(names) == 7
+    assert names == REFUSED[autopilot]
     bare = BareAutopilot(autopilot)
     for name in names:
         message = mavlink.MAVLink_param_set_message(1, 1, name.encode(), 1.0, 9)

@@ -12,7 +12,7 @@ from wil_campaign.plugins.step_response.segments import Series
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Target
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver import Driver
-from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig, Physics
 from wil_campaign.vehicles.embedded.profile import load_profile
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.links.memory import memory_pair
@@ -25,6 +25,7 @@ def fly_steps(
     autopilot: AutopilotName,
     profile: str | None = None,
     *,
+    physics: Physics = "jsbsim",
     seed: int = 1,
     parameters: Mapping[str, float] | None = None,
 ) -> tuple[Series, list[OrderRow]]:
@@ -34,6 +35,7 @@ def fly_steps(
         near, far = memory_pair(latency_s=0.003)
         config = EmbeddedConfig(
             autopilot=autopilot,
+            physics=physics,
             profile=load_profile(profile or PROFILES[autopilot]),
             parameters=parameters or {},
         )

@@ -27,9 +27,13 @@ They begin where the stop before ended, and that is where the velocity estimate 
 Flight = tuple[AutopilotName, Series, list[OrderRow]]
 
 
-@pytest.fixture(scope="module", params=["px4", "ardupilot"])
+FLOWN = [("px4", "jsbsim"), ("ardupilot", "jsbsim"), ("px4", "compiled"), ("ardupilot", "compiled")]
+
+
+@pytest.fixture(scope="module", params=FLOWN, ids=" ".join)
 def flight(request: pytest.FixtureRequest) -> Flight:
-    return request.param, *fly_steps(request.param)
+    autopilot, physics = request.param
+    return autopilot, *fly_steps(autopilot, physics=physics)
 
 
 @pytest.fixture(scope="module")

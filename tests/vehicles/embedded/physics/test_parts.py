@@ -13,10 +13,12 @@ from tests.vehicles.embedded.charge import set_remaining
 from wil_campaign.vehicles.embedded.physics import plant as plant_module
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe, aircraft_root, aircraft_xml
 from wil_campaign.vehicles.embedded.physics.battery import Battery
+from wil_campaign.vehicles.embedded.physics.compiled_plant import CompiledPlant
 from wil_campaign.vehicles.embedded.physics.estimator import Estimator
 from wil_campaign.vehicles.embedded.physics.mocap_feed import MotionCaptureFeed
+from wil_campaign.vehicles.embedded.physics.motion_kernel import BODY_NUMBERS
 from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
-from wil_campaign.vehicles.embedded.physics.plant import Plant, PlantError
+from wil_campaign.vehicles.embedded.physics.plant import JsbsimPlant, Plant, PlantError
 from wil_campaign.vehicles.embedded.physics.states import (
     AT_REST,
     STOPPED,
@@ -30,15 +32,34 @@ from wil_campaign.worlds.frames import Pose, angle_between
 from wil_campaign.worlds.jit import F64
 
 AIRFRAME = Airframe()
+AIRFRAME_NUMBERS = {
+    "mass_kg": "2.1",
+    "inertia_xx_kg_m2": "0.022",
+    "inertia_yy_kg_m2": "0.022",
+    "inertia_zz_kg_m2": "0.04",
+    "arm_m": "0.225",
+    "torque_per_thrust_m": "0.02",
+    "max_thrust_n": "10.0",
+    "drag_area_m2": "[0.01, 0.01, 0.02]",
+    "linear_drag_n_s_m": "0",
+    "angular_damping_n_m_s": "0.0006",
+}
 NOMINAL, CAGE = load_profile("nominal"), load_profile("cage")
 HOVER = (AIRFRAME.hover_thrust_n,) * 4
 finite = st.floats(-100.0, 100.0)
 
 
+Kind = type[JsbsimPlant] | type[CompiledPlant]
+both = pytest.mark.parametrize("kind", [JsbsimPlant, CompiledPlant])
+
+
 def plant(
-    *, yaw_rad: float = 0.0, factors: tuple[float, float, float, float] = (1, 1, 1, 1)
+    kind: Kind = JsbsimPlant,
+    *,
+    yaw_rad: float = 0.0,
+    factors: tuple[float, float, float, float] = (1, 1, 1, 1),
 ) -> Plant:
-    return Plant(
+    return kind(
         airframe=AIRFRAME,
         motor_lag_s=0.05,
         motor_factors=factors,
@@ -83,8 +104,9 @@ def scaled(factor: float) -> tuple[float, float, float, float]:
     return (factor * a, factor * b, factor * c, factor * d)
 
 
-def test_stands_still_with_its_heading() -> None:
-    p = plant(yaw_rad=-2.5)
+@both
+def test_stands_still_with_its_heading(kind: Kind) -> None:
+    p = plant(kind, yaw_rad=-2.5)
     for _ in range(500):
         p.step(STOPPED)
     motion = p.motion()
@@ -94,8 +116,9 @@ def test_stands_still_with_its_heading() -> None:
     assert motion.specific_force_m_s2 == pytest.approx((0, 0, -9.8), abs=0.05)
 
 
-def test_hover_thrust_hovers_and_more_climbs() -> None:
-    p = plant()
+@both
+def test_hover_thrust_hovers_and_more_climbs(kind: Kind) -> None:
+    p = plant(kind)
     for _ in range(250):
         p.step(scaled(1.2))
     north, east, down = p.motion().position_ned_m
@@ -105,12 +128,15 @@ def test_hover_thrust_hovers_and_more_climbs() -> None:
     assert not p.on_ground()
 
 
+@both
 @pytest.mark.parametrize(
     ("motors", "axis", "sign"),
     [((0, 3), 0, -1), ((1, 2), 0, 1), ((0, 2), 1, 1), ((1, 3), 1, -1), ((0, 1), 2, 1)],
 )
-def test_each_motor_turns_it_the_right_way(motors: tuple[int, int], axis: int, sign: int) -> None:
-    p = plant()
+def test_each_motor_turns_it_the_right_way(
+    kind: Kind, motors: tuple[int, int], axis: int, sign: int
+) -> None:
+    p = plant(kind)
     thrusts = list(scaled(1.3))
     for _ in range(100):
         p.step((thrusts[0], thrusts[1], thrusts[2], thrusts[3]))
@@ -121,8 +147,9 @@ def test_each_motor_turns_it_the_right_way(motors: tuple[int, int], axis: int, s
     assert p.motion().rates_rad_s[axis] * sign > 0.1
 
 
-def test_wind_carries_it_along() -> None:
-    p = plant()
+@both
+def test_wind_carries_it_along(kind: Kind) -> None:
+    p = plant(kind)
     for _ in range(100):
         p.step(scaled(1.3))
     p.set_wind((0.0, 3.0, 0.0))
@@ -132,8 +159,9 @@ def test_wind_carries_it_along() -> None:
     assert abs(p.motion().velocity_ned_m_s[0]) < 0.005
 
 
-def test_a_failed_motor_gives_nothing() -> None:
-    p = plant()
+@both
+def test_a_failed_motor_gives_nothing(kind: Kind) -> None:
+    p = plant(kind)
     for _ in range(100):
         p.step(scaled(1.3))
     p.fail_motor(0)
@@ -142,8 +170,9 @@ def test_a_failed_motor_gives_nothing() -> None:
     assert max(map(abs, p.motion().rates_rad_s)) > 1.0
 
 
-def test_a_mended_motor_gives_what_it_gave_before() -> None:
-    p = plant(factors=(0.95, 1.0, 1.0, 1.0))
+@both
+def test_a_mended_motor_gives_what_it_gave_before(kind: Kind) -> None:
+    p = plant(kind, factors=(0.95, 1.0, 1.0, 1.0))
 
     def thrust_n() -> float:
         """Return the first motor's thrust at a command of 1 N."""
@@ -158,8 +187,9 @@ def test_a_mended_motor_gives_what_it_gave_before() -> None:
     assert thrust_n() == pytest.approx(0.95, abs=1e-3)
 
 
-def test_thrusts_that_are_no_numbers_are_an_error() -> None:
-    p = plant()
+@both
+def test_thrusts_that_are_no_numbers_are_an_error(kind: Kind) -> None:
+    p = plant(kind)
     for _ in range(10):
         p.step((math.nan, 0.0, 0.0, 0.0))
     with pytest.raises(PlantError, match="diverged"):
@@ -201,6 +231,34 @@ def test_a_wrong_profile_is_reported_at_the_place_of_each_fault(tmp_path: Path) 
         load_profile(file)
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("max_thrust_n", "4.0", "4 x 4.0 N do not lift 2.1 kg (20.6 N)"),
+        ("mass_kg", "2100", "2100 kg is no quadrotor: at most 150 kg"),
+        ("arm_m", "22.5", "22.5 m is no quadrotor: at most 3 m"),
+        (
+            "inertia_xx_kg_m2",
+            "22",
+            "22 kg m² is too much for 2.1 kg and arms of 0.225 m: at most 0.43 kg m²",
+        ),
+    ],
+)
+def test_an_airframe_that_cannot_fly_is_refused(
+    tmp_path: Path, key: str, value: str, said: str
+) -> None:
+    numbers = {**AIRFRAME_NUMBERS, key: value}
+    nominal = Path(load_profile.__code__.co_filename).parent / "profiles/nominal.yaml"
+    given = "".join(f"  {name}: {number}\n" for name, number in numbers.items())
+    file = tmp_path / "mine.yaml"
+    file.write_text(f"{nominal.read_text('utf-8')}airframe:\n{given}", encoding="utf-8")
+    with pytest.raises(BadInput) as error:
+        load_profile(file, shown_as="mine.yaml")
+    (problem,) = error.value.problems
+    assert problem.message == said
+    assert f"{key}: {value}" in str(problem)
+
+
 def test_gauss_markov_noise_has_its_spread_and_its_time() -> None:
     walk = GaussMarkov(
         sigma=(0.5, 0.0, 2.0), time_constant_s=2.0, dt_s=0.04, rng=np.random.default_rng(5)
@@ -228,18 +286,24 @@ def test_the_estimate_is_late_and_starts_at_its_origin() -> None:
     noise = NOMINAL.estimator.model_copy(
         update={"delay_s": 0.02, "velocity_sigma_m_s": (0.0, 0.0), "position_sigma_m": (0.0, 0.0)}
     )
-    estimator = Estimator(noise=noise, rate_hz=250, rng=np.random.default_rng(1))
+    estimator = Estimator(
+        noise=noise, rate_hz=250, rng=np.random.default_rng(1), body=np.zeros(BODY_NUMBERS)
+    )
     for step in range(100):
         truth = AT_REST._replace(position_ned_m=(step * 0.004, 0.0, 0.0))
         estimate = motion_of(estimator.estimate(array_of(truth)))
     # Five steps late.
     assert estimate.position_ned_m[0] == pytest.approx((99 - 5) * 0.004)
-    noisy = Estimator(noise=CAGE.estimator, rate_hz=250, rng=np.random.default_rng(1))
+    noisy = Estimator(
+        noise=CAGE.estimator, rate_hz=250, rng=np.random.default_rng(1), body=np.zeros(BODY_NUMBERS)
+    )
     assert noisy.estimate(array_of(AT_REST))[:3] == pytest.approx((0, 0, 0), abs=0.02)
 
 
 def test_the_estimate_wanders_as_the_profile_says() -> None:
-    estimator = Estimator(noise=CAGE.estimator, rate_hz=250, rng=np.random.default_rng(3))
+    estimator = Estimator(
+        noise=CAGE.estimator, rate_hz=250, rng=np.random.default_rng(3), body=np.zeros(BODY_NUMBERS)
+    )
     truth = array_of(AT_REST)
     velocities = [estimator.estimate(truth)[3:6].tolist() for _ in range(250 * 400)]
     across, down = CAGE.estimator.velocity_sigma_m_s
@@ -289,5 +353,7 @@ def test_the_battery_drains_sags_and_fades() -> None:
 
 def test_without_jsbsim_the_error_says_what_flies_instead(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plant_module, "jsbsim", None)
-    with pytest.raises(PlantError, match=r"not installed here .* attach or launch the vehicle"):
+    with pytest.raises(
+        PlantError, match=r"not installed here .* `physics: compiled`, attach or launch"
+    ):
         plant()

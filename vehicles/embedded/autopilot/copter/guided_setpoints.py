@@ -59,7 +59,6 @@ def flies_global(message: Any) -> bool:
 
 
 def _ignore_incomplete(message: Any) -> None:
-    """Ignore vectors of a setpoint of which an axis is ignored."""
     for vector in (_POSITION, _VELOCITY, _ACCELERATION):
         if message.type_mask & vector:
             message.type_mask |= vector

@@ -95,7 +95,8 @@ class Flight:
             if target is None or self.law.takes_target:
                 self.target = target = self.behaviour.update(state.now, t_s)
             thrusts = self.law.run(state.estimate, target)
-            self._detect_landing(self.behaviour, t_s, touching=touching)
+            if touching or self._touch_began_s is not None:
+                self._detect_landing(self.behaviour, t_s, touching=touching)
         self._commanded = thrusts
         return thrusts
 

@@ -354,6 +354,5 @@ class ReturnHome(Behaviour):
 
 
 def _speed(now: Motion) -> float:
-    """Return the speed of a motion in guidance."""
     north, east, down = now.velocity_ned_m_s
     return math.sqrt(north * north + east * east + down * down)

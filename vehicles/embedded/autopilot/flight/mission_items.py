@@ -90,7 +90,6 @@ def item_fault(kind: int, item: Item, rules: ItemRules) -> int:
 
 
 def _place_fault(item: Item, rules: ItemRules) -> int:
-    """Return the MAV_MISSION_RESULT for a mission item's place."""
     if item.frame not in rules.frames:
         return int(mavlink.MAV_MISSION_UNSUPPORTED_FRAME)
     if not is_on_globe(item.x * 1e-7, 0.0):

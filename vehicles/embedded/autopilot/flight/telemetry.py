@@ -318,17 +318,14 @@ def _magnetic_field_gauss(s: State) -> Vec3:
 
 
 def _centi(value: float) -> int:
-    """Return a value in hundredths as a telemetry field's int16."""
     return _int16(value * 100.0)
 
 
 def _int32(value: float) -> int:
-    """Return a value as a telemetry field's int32."""
     return max(-(2**31), min(2**31 - 1, round(value)))
 
 
 def _int16(value: float) -> int:
-    """Return a value as a telemetry field's int16."""
     return max(-32768, min(32767, round(value)))
 
 

@@ -56,7 +56,6 @@ def _to_local(place: Place, frame: LocalFrame) -> Point:
 
 
 def _within(area: LocalArea, north: float, east: float) -> bool:
-    """Return whether a point is within a fence area."""
     if isinstance(area, FenceCircle):
         centre_north, centre_east = area.centre
         return math.hypot(north - centre_north, east - centre_east) < area.radius_m
@@ -64,7 +63,6 @@ def _within(area: LocalArea, north: float, east: float) -> bool:
 
 
 def _inside_polygon(corners: tuple[Point, ...], north: float, east: float) -> bool:
-    """Return whether a point is inside a fence polygon, by the crossing number."""
     inside = False
     north_0, east_0 = corners[-1]
     for north_1, east_1 in corners:

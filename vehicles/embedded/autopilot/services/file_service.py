@@ -101,7 +101,6 @@ def _chunk_bytes(request: _Request) -> int:
 
 
 def _request_of(message: Any) -> _Request:
-    """Return the request in a FILE_TRANSFER_PROTOCOL."""
     payload = bytes(message.payload)
     return _Request(
         (message.get_srcSystem(), message.get_srcComponent()),
@@ -141,7 +140,6 @@ def _reply(
 
 
 def _error(opcode: int) -> int:
-    """Return the error of an operation that fails."""
     if opcode == _LIST:
         return _END_OF_FILE
     if opcode in {_OPEN, _CREATE, _CRC}:

@@ -63,7 +63,6 @@ class DataFlash:
         return bytes(self._data)
 
     def _add(self, name: str, *fields: float | bytes) -> None:
-        """Add a message to the DataFlash log."""
         number, layout = self._layouts[name]
         self._data += self._HEAD + bytes([number]) + layout.pack(*fields)
 

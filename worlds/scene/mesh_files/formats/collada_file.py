@@ -246,7 +246,6 @@ def _place(kind: str, values: FloatArray) -> FloatArray:
 def _instance(
     collada: _Collada, node: ET.Element, instance: ET.Element, matrix: FloatArray
 ) -> Iterator[FilePart]:
-    """Yield the parts of a geometry where a node has it."""
     name = _node_name(node)
     ident = _inner(instance.get("url", ""), name)
     if ident not in collada.geometries:
@@ -278,7 +277,6 @@ def _instance(
 
 
 def _surfaces(geometry: ET.Element, name: str) -> Iterator[_Surface]:
-    """Yield the surfaces of a geometry. Raises UnsupportedMeshError, with its name."""
     mesh = geometry.find("{*}mesh")
     if mesh is None:
         kinds = [_kind(child) for child in geometry if _kind(child) not in ("asset", "extra")]

@@ -175,7 +175,6 @@ def _table(text: bytes, keyword: bytes) -> FloatArray:
 
 
 def _faces_by_material(text: bytes) -> dict[str, list[bytes]]:
-    """Return the corners of the faces, a text for each, by the name of their material."""
     found: dict[str, list[bytes]] = {}
     first, *others = _USED.split(text)
     names = ["", *((name or b"").decode("utf-8", "surrogateescape") for name in others[::2])]

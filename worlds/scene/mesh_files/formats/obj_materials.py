@@ -84,7 +84,6 @@ def images_of(library: Path) -> Iterator[Path]:
 
 
 def _file(picture: Picture) -> Path:
-    """Return the file of a picture, of which an .obj file has no other."""
     if not isinstance(picture.source, Path):
         raise TypeError("an image without a file")
     return picture.source

@@ -1,0 +1,47 @@
+"""What a process that ended said last, as one line for the reason of a run."""
+
+import re
+from pathlib import Path
+
+_TAIL_BYTES = 8000
+_TAIL_LINES = 3
+_AFTER = 3
+"""How many lines may follow a traceback that still is what ended the process."""
+_FRAME = re.compile(r'  File "(?P<file>[^"]+)", line (?P<line>\d+), in (?P<where>.+)')
+_LIBRARY = re.compile(r"/(site|dist)-packages/|/lib/python|^<")
+
+
+def last_output(log: Path) -> str:
+    """Return what a process printed last, in one line; empty where there is nothing.
+
+    Of a Python traceback: its exception, and where in the program's own file.
+    """
+    try:
+        with log.open("rb") as stream:
+            size = stream.seek(0, 2)
+            stream.seek(max(0, size - _TAIL_BYTES))
+            text = stream.read().decode("utf-8", "replace")
+    except OSError:
+        return ""
+    lines = [line.rstrip() for line in text.splitlines() if line.strip()]
+    end = [" ".join(line.split()) for line in lines[-_TAIL_LINES:]]
+    return _exception(lines) or "; ".join(end)
+
+
+def _exception(lines: list[str]) -> str:
+    """Return the exception of a traceback at the end of a log; empty where there is none."""
+    found = [index for index, line in enumerate(lines) if _FRAME.match(line)]
+    if not found:
+        return ""
+    ends = (index for index in range(found[-1], len(lines)) if not lines[index].startswith(" "))
+    end = next(ends, None)
+    if end is None or len(lines) - end - 1 > _AFTER:
+        return ""
+    frames = []
+    for line in reversed(lines[:end]):
+        if not line.startswith(" "):
+            break
+        if frame := _FRAME.match(line):
+            frames.append(frame)
+    own = next((one for one in frames if not _LIBRARY.search(one["file"])), frames[0])
+    return f"{lines[end]} ({Path(own['file']).name} line {own['line']}, {own['where']})"
