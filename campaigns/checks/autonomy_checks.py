@@ -1,4 +1,7 @@
-"""Check that the autonomy under test can be built; what it refuses is a problem of the file."""
+"""Check that the autonomy under test can be built; what it refuses is a problem of the file.
+
+Find the keys of `autonomy.with` that an autonomy never asked for while it was built.
+"""
 
 import contextlib
 import gc
@@ -6,7 +9,8 @@ import multiprocessing as mp
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping
+import weakref
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 from functools import partial
@@ -15,13 +19,76 @@ from multiprocessing.context import ForkContext, SpawnContext
 from pathlib import Path as FilePath
 from types import ModuleType
 
-from wil_campaign.campaigns.checks.asked_keys import unread_keys
 from wil_campaign.campaigns.setup.autonomy_under_test import UnderTest
 from wil_campaign.campaigns.values.references import BadReferenceError
 from wil_campaign.vehicles.process_memory import limited_allocation
 from wil_campaign.vehicles.processes.linux import processor_wait_s
-from wil_campaign.worlds.files.documents import Document, Path, Problem
+from wil_campaign.worlds.files.documents import Document, Path, Problem, closest
 from wil_campaign.worlds.files.user_modules import keep_user_files, user_files
+
+_OF_A_KEY = ("__getitem__", "__contains__", "get", "pop", "setdefault")
+_OF_ALL = (
+    "__iter__",
+    "__reversed__",
+    "__eq__",
+    "__or__",
+    "__ror__",
+    "keys",
+    "values",
+    "items",
+    "copy",
+    "popitem",
+)
+
+
+class AskedKeys(dict[str, object]):
+    """A dict that notes in `asked` the keys that were asked for, present or not.
+
+    What looks at the whole dict (a loop, `**`, `dict(...)`) asks for every key.
+    """
+
+    def __init__(self, given: Mapping[str, object]) -> None:
+        """given: the keys and values."""
+        super().__init__(given)
+        self.names = tuple(given)
+        self.asked: set[object] = set()
+
+
+def _noting(name: str, *, is_of_all: bool) -> Callable[..., object]:
+    """Return the method of a dict that notes what is asked for before it answers."""
+    plain: Callable[..., object] = getattr(dict, name)
+
+    def method(asked_keys: AskedKeys, *arguments: object) -> object:
+        asked_keys.asked.update(asked_keys.names if is_of_all else arguments[:1])
+        return plain(asked_keys, *arguments)
+
+    return method
+
+
+for _name in (*_OF_A_KEY, *_OF_ALL):
+    setattr(AskedKeys, _name, _noting(_name, is_of_all=_name in _OF_ALL))
+
+
+def unread_keys(
+    build: Callable[[dict[str, object]], object], parameters: Mapping[str, object]
+) -> dict[str, str]:
+    """Build an autonomy; return the keys that it never read, each with the key probably meant.
+
+    Nothing is returned where it is not certain: where the autonomy keeps the dict, and so may read
+    it in flight, and where it asked for no key at all, as compiled code reads a dict unseen.
+    Raises whatever `build` raises.
+    """
+    given = AskedKeys(parameters)
+    asked, kept = given.asked, weakref.ref(given)
+    built = build(given)
+    del given
+    may_read_later = kept() is not None
+    del built
+    if may_read_later or not asked:
+        return {}
+    absent = [key for key in asked if isinstance(key, str) and key not in parameters]
+    return {key: closest(key, sorted(absent)) for key in parameters if key not in asked}
+
 
 LONGEST_BUILD_S = 30.0
 """How long an autonomy may take to be imported and built where it is tried in a child process; as

@@ -1,7 +1,10 @@
-"""Records the files of one run: log, trajectory, judge log, telemetry, run.mcap."""
+"""Records the files of one run: log, trajectory, judge log, telemetry, run.mcap.
+
+How much a recording may lack before its run is INVALID; pure.
+"""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from typing import Any, Self
@@ -21,7 +24,6 @@ from wil_campaign.orchestrator.recording.mcap.mcap_writer import (
     TopicLoss,
 )
 from wil_campaign.orchestrator.recording.recording_facts import mounts_in
-from wil_campaign.orchestrator.recording.recording_losses import excessive_loss
 from wil_campaign.orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
 from wil_campaign.orchestrator.state.mixtures import MixedFrame, PreviewImages
 from wil_campaign.orchestrator.state.run_state import RunState
@@ -36,6 +38,28 @@ from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent
 from wil_campaign.vehicles.mavlink.tlog import TlogWriter
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.vehicles.tasks import TakeFault
+
+_EVIDENCE_PARTS = ("/provenance", "/visibility")
+"""Parts of /mixed/<sensor> that are evidence for the verdict."""
+
+
+def excessive_loss(losses: Iterable[TopicLoss], *, max_loss: float) -> str:
+    """Return in words what is missing beyond the limit; empty when nothing is.
+
+    max_loss: which share of a topic may be missing. Evidence for the verdict must be complete.
+    """
+    excessive = [
+        f"{loss.lost} of {loss.offered} of {loss.topic}"
+        for loss in losses
+        if loss.lost > loss.offered * (0.0 if _is_evidence(loss.topic) else max_loss)
+    ]
+    limit = f"more than {max_loss:.3g} of a topic, or any evidence for the verdict"
+    return f"run.mcap lacks {', '.join(excessive)}: {limit}" if excessive else ""
+
+
+def _is_evidence(topic: str) -> bool:
+    return topic.startswith("/mixed/") and topic.endswith(_EVIDENCE_PARTS)
+
 
 TRAJECTORY_HZ = 20.0
 _SNAPSHOT_AFTER_S = 1.0

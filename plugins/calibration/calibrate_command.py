@@ -1,4 +1,7 @@
-"""`wil-campaign calibrate`: calibrate a real camera, and write a calibration file."""
+"""`wil-campaign calibrate`: calibrate a real camera, and write a calibration file.
+
+Parses the calibration boards of the command line.
+"""
 
 import asyncio
 import re
@@ -15,8 +18,12 @@ from wil_campaign.campaigns.values.external_setups import MocapSetup
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.model.document_writer import write_whole
 from wil_campaign.plugins.calibration.board_search import BoardViews, is_run, search_file
-from wil_campaign.plugins.calibration.board_text import parse_board
-from wil_campaign.plugins.calibration.boards import Board, CharucoBoard
+from wil_campaign.plugins.calibration.boards import (
+    Board,
+    CalibrationError,
+    CharucoBoard,
+    ChessBoard,
+)
 from wil_campaign.plugins.calibration.body_paths import path_in_csv, path_in_run
 from wil_campaign.plugins.calibration.live_search import LiveOrder, search_live
 from wil_campaign.plugins.calibration.measurement import (
@@ -30,6 +37,37 @@ from wil_campaign.plugins.offline.errors import OfflineError
 from wil_campaign.plugins.offline.recorded_inputs import flown_latency_s
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.worlds.files.documents import BadInput, KeyFaultError
+
+_FORMS = "chessboard:9x6:25mm (inner corners, square) or charuco:8x6:30mm:22mm[:4x4_50] (squares)"
+_CHESSBOARD = re.compile(r"chessboard:(\d{1,3})x(\d{1,3}):([\d.]+)mm")
+_CHARUCO = re.compile(r"charuco:(\d{1,3})x(\d{1,3}):([\d.]+)mm:([\d.]+)mm(?::(\w+))?")
+
+
+def parse_board(text: str) -> Board:
+    """Return the calibration board that a text names. Raises OfflineError."""
+    try:
+        if match := _CHESSBOARD.fullmatch(text):
+            return ChessBoard(int(match[1]), int(match[2]), _metres(match[3]))
+        if match := _CHARUCO.fullmatch(text):
+            return CharucoBoard(
+                int(match[1]),
+                int(match[2]),
+                _metres(match[3]),
+                _metres(match[4]),
+                match[5] or "4x4_50",
+            )
+    except (CalibrationError, ValueError) as error:
+        raise OfflineError(f"--board {text}: {error}") from error
+    raise OfflineError(f"--board {text}: give {_FORMS}")
+
+
+def _metres(millimetres: str) -> float:
+    """Return the size of a board's square in metres from millimetres. Raises ValueError."""
+    metres = float(millimetres) / 1000.0
+    if not 0.0 < metres < 10.0:
+        raise ValueError(f"{millimetres} mm is not the size of a square")
+    return metres
+
 
 _LIVE = ("rtsp://", "rtsps://", "rtp://", "v4l2://", "/dev/video")
 _CELL_PX = 100

@@ -1,9 +1,12 @@
-"""A separate link to a ground station, for camera streams and contacts."""
+"""A separate link to a ground station, for camera streams and contacts.
+
+Encodes contacts as MAVLink messages for a ground station; pure.
+"""
 
 import asyncio
 from collections.abc import Coroutine, Iterator, Mapping
 from contextlib import AsyncExitStack
-from typing import Any
+from typing import Any, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -11,13 +14,44 @@ from wil_campaign.orchestrator.state.observer import Observer
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.plugins.outlets.camera_component import CameraComponent, VideoStream
-from wil_campaign.plugins.outlets.contact_messages import collision
 from wil_campaign.plugins.outlets.outlet_setups import DeliverySetups, GroundStationSetup
 from wil_campaign.safety.model.oracle_results import Flag
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.mavlink.codec import Codec
+
+Threat = Literal["none", "low", "high"]
+_THREATS: dict[Threat, int] = {
+    "none": mavlink.MAV_COLLISION_THREAT_LEVEL_NONE,
+    "low": mavlink.MAV_COLLISION_THREAT_LEVEL_LOW,
+    "high": mavlink.MAV_COLLISION_THREAT_LEVEL_HIGH,
+}
+
+
+def collision(
+    *,
+    thing_id: int,
+    threat: Threat,
+    time_to_closest_s: float,
+    horizontal_m: float,
+    vertical_m: float,
+) -> Any:
+    """Return a (virtual) contact or near miss as COLLISION (247), for ground stations.
+
+    No autopilot acts on it. thing_id: the object's id, or an intruder's ICAO address.
+    time_to_closest_s: 0 for contact. horizontal_m, vertical_m: separation at the closest.
+    """
+    return mavlink.MAVLink_collision_message(
+        src=mavlink.MAV_COLLISION_SRC_ADSB,
+        id=thing_id,
+        action=mavlink.MAV_COLLISION_ACTION_REPORT,
+        threat_level=_THREATS[threat],
+        time_to_minimum_delta=time_to_closest_s,
+        altitude_minimum_delta=vertical_m,
+        horizontal_minimum_delta=horizontal_m,
+    )
+
 
 _TICK_S = 0.1
 _FIRST_CAMERA = 100

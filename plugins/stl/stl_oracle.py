@@ -1,18 +1,36 @@
-"""The oracle of an STL formula over the signals of a run; its margin is the robustness."""
+"""The oracle of an STL formula over the signals of a run; its margin is the robustness.
+
+The deciding part of an STL formula, with its values in its own unit.
+
+The limits that a formula holds: comparisons of a signal with a number, under `always` and `and`.
+
+A condition that may hold at some time has no limit.
+"""
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from wil_campaign.plugins.stl.arithmetic import written
-from wil_campaign.plugins.stl.deciding import part_of
-from wil_campaign.plugins.stl.formula import Formula, StlError, first_needed_s, names_of
+from wil_campaign.plugins.stl.arithmetic import difference_of, limit_side, value_of, written
+from wil_campaign.plugins.stl.formula import (
+    Comparison,
+    Formula,
+    Junctor,
+    Name,
+    Number,
+    StlError,
+    Temporal,
+    Term,
+    first_needed_s,
+    names_of,
+)
 from wil_campaign.plugins.stl.monitor import Robustness, StlMonitor
 from wil_campaign.plugins.stl.parser import parse_stl
-from wil_campaign.plugins.stl.robustness import Unevaluable
-from wil_campaign.plugins.stl.stl_limits import limits_of_formula
+from wil_campaign.plugins.stl.robustness import Occurrence, Unevaluable
+from wil_campaign.plugins.stl.steps import Values
 from wil_campaign.plugins.stl.stl_signals import (
     TWIN_DISTANCE_NAME,
     FenceMargin,
@@ -24,7 +42,7 @@ from wil_campaign.plugins.stl.stl_signals import (
     signals_of,
 )
 from wil_campaign.plugins.stl.stl_trace import Trace
-from wil_campaign.plugins.stl.units import has_several_units, require_sound
+from wil_campaign.plugins.stl.units import SignalKind, has_several_units, require_sound, unit_text
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import (
     FenceSample,
@@ -42,11 +60,106 @@ from wil_campaign.safety.oracles.oracle import (
     OracleContext,
     OracleError,
     OwnKey,
+    SignalLimit,
     Terms,
     Windowed,
     oracle,
 )
 from wil_campaign.safety.oracles.oracle_terms import ON_GOAL, Stages
+from wil_campaign.worlds.figures import distinct_text
+from wil_campaign.worlds.files.documents import Data
+
+
+def limits_of_formula(part: Mapping[str, Data]) -> Iterator[SignalLimit]:
+    """Yield the limits that the formula of an oracle's parameters holds; none for a bad one."""
+    try:
+        formula = parse_stl(str(part.get("stl")))
+    except (StlError, RecursionError):
+        return
+    for comparison, from_s, until_s in _always(formula, 0.0, 0.0):
+        measured, limit = limit_side(comparison)
+        if isinstance(measured, Name) and isinstance(limit, Number):
+            is_left = measured is comparison.left
+            yield SignalLimit(
+                signal=measured.name,
+                value=limit.value,
+                is_upper=(comparison.comparator in {"<=", "<"}) == is_left,
+                from_s=from_s,
+                until_s=until_s,
+                text=written(comparison),
+            )
+
+
+def _always(
+    formula: Formula, from_s: float, until_s: float | None
+) -> Iterator[tuple[Comparison, float, float | None]]:
+    """Yield comparisons that must hold, with the interval in the window; None: to its end."""
+    match formula:
+        case Comparison():
+            yield formula, from_s, until_s
+        case Temporal("always", interval, inner):
+            is_open = until_s is None or interval.until_s is None
+            last_s = None if is_open else (until_s or 0.0) + (interval.until_s or 0.0)
+            yield from _always(inner, from_s + interval.from_s, last_s)
+        case Junctor("and", left, right):
+            yield from _always(left, from_s, until_s)
+            yield from _always(right, from_s, until_s)
+        case _:
+            pass
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The deciding part of a formula: a comparison or a boolean signal at the deciding sample.
+
+    text: the condition that should hold, as formula text. margin: by how much it holds, negative
+    where it is violated. actual, limit, margin: None for a boolean signal.
+    """
+
+    text: str
+    actual: float | None = None
+    limit: float | None = None
+    unit: str = ""
+    margin: float | None = None
+
+    @property
+    def violation(self) -> str:
+        """Return the deciding part's violation as a sentence."""
+        if self.actual is None or self.limit is None:
+            return f"{self.text} is violated"
+        actual = distinct_text(self.actual, self.limit, digits=3)
+        values = f"{actual} {self.unit} against {self.limit:g} {self.unit}"
+        return f"{self.text} is violated: {' '.join(values.split())}"
+
+
+def part_of(
+    by: Occurrence, index: int, signals: Mapping[str, Values], kinds: Mapping[str, SignalKind]
+) -> Part:
+    """Return the part of a formula that decides at a sample."""
+    atom = by.atom
+    text = written(atom, positive=by.positive)
+    if not isinstance(atom, Comparison):
+        return Part(text)
+    measured, limit = limit_side(atom)
+    margin = _at(difference_of(atom, signals), index)
+    return Part(
+        text=text,
+        actual=_at(value_of(measured, signals), index),
+        limit=_at(value_of(limit, signals), index),
+        unit=unit_of_either(measured, limit, kinds),
+        # Adding 0 turns -0 into 0.
+        margin=(margin if by.positive else -margin) + 0.0,
+    )
+
+
+def unit_of_either(one: Term, other: Term, kinds: Mapping[str, SignalKind]) -> str:
+    """Return the unit of a deciding comparison; a bare number has the other side's."""
+    return unit_text(one, kinds) or unit_text(other, kinds)
+
+
+def _at(values: Values, index: int) -> float:
+    return float(values if values.ndim == 0 else values[index])
+
 
 _CHECK_EVERY_S = 1.0
 """How often a formula with fail_fast is evaluated in flight."""

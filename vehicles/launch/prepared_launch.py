@@ -1,17 +1,142 @@
-"""A prepared launch of a simulator: its folder, instance and command, all reserved."""
+"""A prepared launch of a simulator: its folder, instance and command, all reserved.
+
+Reserves instance numbers of simulators, so that runs on one machine share no port.
+
+Reads a simulator's output from its file, line by line as the file grows.
+"""
 
 import asyncio
+import errno
+import fcntl
+import os
+import re
+import socket
+import tempfile
+from collections import deque
 from pathlib import Path
 from typing import Self
 
-from wil_campaign.vehicles.launch.instances import Instance, take_instance
-from wil_campaign.vehicles.launch.launch_plan import Launch, LaunchError, LaunchPlan
+from wil_campaign.vehicles.launch.launch_plan import Launch, LaunchError, LaunchPlan, Port
 from wil_campaign.vehicles.launch.launch_records import RECORD, LaunchRecord
-from wil_campaign.vehicles.launch.simulator_output import Output
 from wil_campaign.vehicles.processes.child import run_briefly
 from wil_campaign.vehicles.processes.identity import ProcessId, boot_id
 from wil_campaign.vehicles.processes.supervisor import supervised
 from wil_campaign.vehicles.tasks import finish
+
+_TAIL_LINES = 15
+_COLOURS = re.compile(rb"\x1b\[[0-9;]*[A-Za-z]")
+
+
+class Output:
+    """A simulator's output: the complete lines of a growing file, without colours."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._offset = 0
+        self._rest = b""
+        self._tail: deque[str] = deque(maxlen=_TAIL_LINES)
+
+    def new_lines(self, *, ended: bool = False) -> list[str]:
+        """Return the simulator's output lines since the last call.
+
+        ended: the simulator has ended, so that an unterminated last line is complete.
+        """
+        with self._path.open("rb") as file:
+            file.seek(self._offset)
+            data = file.read()
+        self._offset += len(data)
+        *whole, self._rest = (self._rest + data).split(b"\n")
+        if ended and self._rest:
+            whole.append(self._rest)
+            self._rest = b""
+        lines = [_COLOURS.sub(b"", line).decode(errors="replace").strip() for line in whole]
+        lines = [line for line in lines if line]
+        self._tail.extend(lines)
+        return lines
+
+    @property
+    def last_output(self) -> str:
+        """Return the last lines of a simulator's output."""
+        return "\n".join(self._tail)
+
+
+class Instance:
+    """An instance number of one kind of simulator, reserved until it is closed.
+
+    A file lock, which the kernel frees when its holder dies, excludes this user's other runs;
+    other programs are detected by their ports.
+    """
+
+    def __init__(self, *, number: int, lock: int) -> None:
+        self.number = number
+        self._lock: int | None = lock
+
+    def close(self) -> None:
+        """Release the instance number."""
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def lock_folder() -> Path:
+    """Return the folder of this user's instance locks."""
+    return Path(tempfile.gettempdir()) / f"wil-campaign-{os.getuid()}"
+
+
+def take_instance(launch: Launch, *, locks: Path | None = None) -> Instance:
+    """Return a free instance of a kind of simulator. Raises LaunchError when there is none."""
+    folder = lock_folder() if locks is None else locks
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    stem = "".join(character if character.isalnum() else "-" for character in launch.label.lower())
+    taken: list[Port] = []
+    for number in range(launch.instances):
+        lock = _lock_instance(folder / f"{stem}-{number}.lock")
+        if lock is None:
+            continue
+        busy = next((port for port in launch.ports(number) if not is_free(port)), None)
+        if busy is None:
+            return Instance(number=number, lock=lock)
+        os.close(lock)
+        taken.append(busy)
+    used = ", ".join(f"{port.kind} {port.number}" for port in taken)
+    raise LaunchError(
+        f"{launch.label}: all {launch.instances} instances are in use"
+        + (f" (ports in use by other programs: {used})" if used else "")
+        + "; end orphaned simulators"
+    )
+
+
+def is_free(port: Port) -> bool:
+    """Return whether an instance's port is not bound; no listener notices."""
+    kind = socket.SOCK_STREAM if port.kind == "tcp" else socket.SOCK_DGRAM
+    with socket.socket(socket.AF_INET, kind) as probe:
+        if port.kind == "tcp":
+            # As the simulators do: the last run's connections may still linger.
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("", port.number))
+        except OSError as error:
+            if error.errno in {errno.EADDRINUSE, errno.EACCES}:
+                return False
+            raise
+    return True
+
+
+def _lock_instance(file: Path) -> int | None:
+    handle = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        return None
+    return handle
+
 
 _POLL_S = 0.05
 

@@ -1,12 +1,181 @@
-"""Chooses the frames of one vehicle among all that have its ids; pure."""
+"""Chooses the frames of one vehicle among all that have its ids; pure.
+
+Tells the frames of one sender from those of a second one with the same ids; pure.
+
+Every sender of MAVLink counts its frames on a link by one byte. Two of them behind one router, with
+one system and component id, give two sequences that interleave; lost, doubled and overtaken frames
+of one sender do not.
+"""
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.mavlink.framing import Frame
-from wil_campaign.vehicles.mavlink.sender_sequence import SenderSequence
+
+_NEAR = 8
+"""A frame that is so many numbers ahead continues a sequence: those in between were lost."""
+_KEPT = 64
+"""So many numbers of the past are known: those that came, and those that were skipped."""
+_APART = 32
+"""Sequences that are further apart than this are of no frames that were overtaken."""
+_LEAST_SILENT_S, _MOST_SILENT_S = 0.1, 0.5
+_SILENT_PERIODS = 4.0
+"""After a silence of so many periods, within these limits, any number continues the sequence: an
+outage, a reboot, or a link of the vehicle that counts by itself."""
+_LATELY_S = 0.5
+"""After so long another sequence that was not continued is none, and a number may come again."""
+_SHARE = 0.1
+"""Share of a new period in the mean one."""
+_SIGNS = 6
+"""So many signs of two senders in a row: two sequences alternate, both continued and further apart
+than a frame is overtaken; or a number comes again in another frame, while it cannot be due."""
+
+
+class SenderSequence:
+    """Splits the frames with one sender's ids into its own and those of a second sender.
+
+    A frame that continues no sequence is held until the next ones show what it was: the same
+    sequence after a loss, or another beside it. Where two sequences pass through the same numbers,
+    which of the two is the sender's may be lost.
+    """
+
+    def __init__(self) -> None:
+        self._last: int | None = None
+        self._last_s = 0.0
+        self._period_s = 0.0
+        self._silent_s = _LEAST_SILENT_S
+        """After a silence that is longer, any number continues the sequence."""
+        self._came: deque[tuple[float, Frame]] = deque(maxlen=_KEPT)
+        self._skipped: deque[int] = deque(maxlen=_KEPT)
+        self._held_back: list[Frame] = []
+        self._other: int | None = None
+        """The last number of another sequence."""
+        self._other_went_on = False
+        """Whether the other sequence was continued since the last frame of the first one."""
+        self._other_came: deque[tuple[float, Frame]] = deque(maxlen=_KEPT)
+        self._signs = 0
+
+    @property
+    def are_two(self) -> bool:
+        """Return whether two sequences alternate, so that there are two senders."""
+        return self._signs >= _SIGNS
+
+    def goes_on(self, frame: Frame, t_s: float) -> bool:
+        """Take a frame if it is the next of the only sequence, as nearly all are.
+
+        Returns whether it is: `split` would return this frame alone. Else `split` has to take it.
+        """
+        if (
+            self._last is None
+            or frame.seq != (self._last + 1) & 0xFF
+            or self._held_back
+            or self._other is not None
+            or t_s - self._last_s > self._silent_s
+        ):
+            return False
+        self._other_went_on = False
+        self._accept(frame, t_s)
+        return True
+
+    def split(self, frame: Frame, t_s: float) -> tuple[list[Frame], list[Frame]]:
+        """Take a frame; return frames of the sender, and of another one, that are known by now.
+
+        t_s: its time of arrival. Both are in the order in which they came.
+        """
+        if self._other_came and t_s - self._other_came[-1][0] > _LATELY_S and not self.are_two:
+            self._other = None
+        if self._last is None or t_s - self._last_s > self._silent_s:
+            if self.are_two and self._other is not None and _ahead(self._other, frame.seq) <= _NEAR:
+                return self._continue_other(frame, t_s)
+            own, self._held_back = [*self._held_back, frame], []
+            self._accept(frame, t_s)
+            return own, []
+        is_other = self._is_other(frame.seq)
+        if not is_other and _ahead(self._last, frame.seq) <= _NEAR:
+            others, self._held_back = self._held_back, []
+            self._note_alternation(frame, others, t_s)
+            self._accept(frame, t_s)
+            return [frame], others
+        if self._is_late(frame, t_s):
+            return [frame], []
+        if is_other:
+            return self._continue_other(frame, t_s)
+        self._held_back.append(frame)
+        return [], []
+
+    def _is_other(self, seq: int) -> bool:
+        """Return whether a number continues the other sequence, and the first one less closely."""
+        if self._other is None or self._last is None:
+            return False
+        ahead = _ahead(self._other, seq)
+        return ahead <= _NEAR and ahead < _ahead(self._last, seq)
+
+    def _is_late(self, frame: Frame, t_s: float) -> bool:
+        """Return whether a frame was overtaken by others of its sequence, or doubled."""
+        if self._last is None or (self._last - frame.seq) & 0xFF > _KEPT:
+            return False
+        if frame.seq in self._skipped:
+            self._skipped.remove(frame.seq)
+            self._came.append((t_s, frame))
+            return True
+        return any(one.raw == frame.raw for _, one in self._came)
+
+    def _continue_other(self, frame: Frame, t_s: float) -> tuple[list[Frame], list[Frame]]:
+        self._note_other(frame, t_s)
+        self._other_went_on = True
+        return [], [frame]
+
+    def _note_alternation(self, frame: Frame, others: list[Frame], t_s: float) -> None:
+        """Note that the sequence goes on, after frames of another one if there were any."""
+        for one in others:
+            self._note_other(one, t_s)
+        went_on, self._other_went_on = self._other_went_on, False
+        if self._other is None or self.are_two:
+            return
+        apart = _ahead(frame.seq, self._other)
+        is_apart = _APART < apart < 256 - _APART
+        if (went_on and is_apart) or _comes_again(frame, self._other_came, t_s):
+            self._signs += 1
+        elif others:
+            self._signs = 0
+
+    def _note_other(self, frame: Frame, t_s: float) -> None:
+        """Note a frame of the other sequence."""
+        self._other = frame.seq
+        self._other_came.append((t_s, frame))
+        if _comes_again(frame, self._came, t_s):
+            self._signs += 1
+
+    def _accept(self, frame: Frame, t_s: float) -> None:
+        if self._last is not None:
+            self._period_s += _SHARE * (min(t_s - self._last_s, _MOST_SILENT_S) - self._period_s)
+            silent_s = _SILENT_PERIODS * self._period_s
+            self._silent_s = min(max(_LEAST_SILENT_S, silent_s), _MOST_SILENT_S)
+            ahead = _ahead(self._last, frame.seq)
+            if 1 < ahead <= _NEAR:
+                self._skipped.extend((self._last + one) & 0xFF for one in range(1, ahead))
+            elif ahead > _NEAR:
+                self._skipped.clear()
+                self._came.clear()
+        self._last, self._last_s = frame.seq, t_s
+        self._came.append((t_s, frame))
+
+
+def _ahead(last: int, seq: int) -> int:
+    """Return by how much a number is ahead of another one: 1 for the next, 256 for the same."""
+    return ((seq - last - 1) & 0xFF) + 1
+
+
+def _comes_again(frame: Frame, came: deque[tuple[float, Frame]], t_s: float) -> bool:
+    """Return whether a frame's number has come lately, in a frame with other bytes."""
+    return any(
+        one.seq == frame.seq and one.raw != frame.raw and t_s - at_s <= 2.0 * _LATELY_S
+        for at_s, one in came
+    )
+
 
 _STATE = frozenset(
     {

@@ -1,9 +1,15 @@
-"""Renders the report page from the reading model; everything from a file is escaped; pure."""
+"""Renders the report page from the reading model; everything from a file is escaped; pure.
+
+Marks on an image: a box around each relevant object, and the touched part; SVG.
+
+A lidar scan seen from above, forward up; SVG.
+"""
 
 import json
+import math
 import re
 import shlex
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from urllib.parse import quote
 
@@ -13,11 +19,10 @@ from markupsafe import Markup
 from wil_campaign.orchestrator.model.flown_firmware import distinct
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
-from wil_campaign.orchestrator.report.model import Frame, RunReport, Sight
+from wil_campaign.orchestrator.report.model import Frame, Mark, RunReport, Scan, Sight
 from wil_campaign.orchestrator.report.rendering import overview
 from wil_campaign.orchestrator.report.rendering.map_svg import map_svg
-from wil_campaign.orchestrator.report.rendering.marks_svg import marks_svg
-from wil_campaign.orchestrator.report.rendering.markup import visible
+from wil_campaign.orchestrator.report.rendering.markup import element, points_text, visible
 from wil_campaign.orchestrator.report.rendering.page_parts import environment, render_template
 from wil_campaign.orchestrator.report.rendering.plot_svg import (
     closeup_svg,
@@ -25,8 +30,89 @@ from wil_campaign.orchestrator.report.rendering.plot_svg import (
     stage_axis_svg,
     time_axis_svg,
 )
-from wil_campaign.orchestrator.report.rendering.scan_svg import scan_svg
 from wil_campaign.orchestrator.report.words import MODES, number_text, short_time
+
+_HALF = 110.0
+
+
+def scan_svg(scans: Sequence[Scan | Frame]) -> Markup | None:
+    """Return scans drawn over each other, the last one on top; None without a scan."""
+    given = [one for one in scans if isinstance(one, Scan)]
+    if not given:
+        return None
+    met = [r for scan in given for r in scan.ranges_m if r is not None]
+    far_m = min(max(met, default=1.0), max(scan.range_max_m for scan in given))
+    scale = (_HALF - 10.0) / max(far_m, 0.1)
+    rings = [
+        element("circle", {"class": "grid", "cx": 0, "cy": 0, "r": scale * metres})
+        for metres in _ring_radii(far_m)
+    ]
+    labels = [
+        element("text", {"class": "tick", "x": 2, "y": -scale * metres - 2}, [f"{metres:g} m"])
+        for metres in _ring_radii(far_m)
+    ]
+    nose = element("path", {"class": "nose", "d": "M0 -7 L4 5 L-4 5 Z"})
+    beams = [dot for scan in given for dot in _dots(scan, scale, far_m)]
+    box = f"{-_HALF:g} {-_HALF:g} {2 * _HALF:g} {2 * _HALF:g}"
+    label = "lidar ranges from above, forward is up"
+    attributes = {"class": "scan", "viewBox": box, "role": "img", "aria-label": label}
+    return element("svg", attributes, [*rings, *beams, nose, *labels])
+
+
+def _ring_radii(far_m: float) -> Iterator[float]:
+    step = next((one for one in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0) if far_m / one <= 5.0), 50.0)
+    yield from (step * k for k in range(1, int(far_m / step) + 1))
+
+
+def _dots(scan: Scan, scale: float, far_m: float) -> Iterator[Markup]:
+    ends = []
+    for index, range_m in enumerate(scan.ranges_m):
+        if range_m is None or range_m > far_m:
+            continue
+        angle = scan.start_angle_rad + index * scan.step_rad
+        ends.append((scale * range_m * math.sin(angle), -scale * range_m * math.cos(angle)))
+    kind = scan.source if scan.source in {"real", "twin", "mixed"} else "other"
+    path = " ".join(f"M{points_text([end])}h0" for end in ends)
+    yield element("path", {"class": f"beams {kind}", "d": path})
+
+
+_PAD_PX = 3.0
+_INSET_PX = 1.5
+_TEXT_SHARE = 0.042
+"""Text height as a share of the image width."""
+
+
+def marks_svg(sight: Sight | None) -> Markup | None:
+    """Return the marks of a sight as an overlay of its image; None without any."""
+    if sight is None or not isinstance(sight.perceived, Frame):
+        return None
+    frame = sight.perceived
+    drawn = [shape for mark in sight.marks for shape in _mark(mark, frame)]
+    if not drawn:
+        return None
+    box = f"0 0 {frame.width_px} {frame.height_px}"
+    names = ", ".join(mark.name for mark in sight.marks if mark.box_px is not None)
+    attributes = {"class": "marks", "viewBox": box, "role": "img", "aria-label": f"marked: {names}"}
+    return element("svg", attributes, drawn)
+
+
+def _mark(mark: Mark, frame: Frame) -> Iterator[Markup]:
+    if mark.box_px is None:
+        return
+    left, top = (max(_INSET_PX, value - _PAD_PX) for value in mark.box_px[:2])
+    right = min(frame.width_px - _INSET_PX, mark.box_px[2] + _PAD_PX)
+    bottom = min(frame.height_px - _INSET_PX, mark.box_px[3] + _PAD_PX)
+    place = {"x": left, "y": top, "width": right - left, "height": bottom - top}
+    for kind in ("halo", "box"):
+        yield element("rect", {"class": kind, **place})
+    if len(mark.outline_px) > 2:
+        points = points_text(mark.outline_px)
+        yield element("polygon", {"class": "touched", "points": points})
+    size = _TEXT_SHARE * frame.width_px
+    inside = top < size + 2.0
+    y = top + size + 1.0 if inside else top - 4.0
+    text = {"x": left + (4.0 if inside else 0.0), "y": y, "font-size": size}
+    yield element("text", text, [mark.name])
 
 
 @dataclass(frozen=True, slots=True)

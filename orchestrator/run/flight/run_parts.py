@@ -1,6 +1,10 @@
-"""Builds the parts of a run: those that exist before its vehicles, and those of the flight."""
+"""Builds the parts of a run: those that exist before its vehicles, and those of the flight.
+
+Builds the recorder of a run by the campaign's recording settings.
+"""
 
 import asyncio
+import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
@@ -10,14 +14,16 @@ from typing import Any
 from wil_campaign.orchestrator.external.external_io import ExternalIo
 from wil_campaign.orchestrator.model.operator_command import Inbox
 from wil_campaign.orchestrator.model.progress import Report
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import recording_settings
+from wil_campaign.orchestrator.recording.recording_facts import facts_of
 from wil_campaign.orchestrator.recording.run_recorder import RunRecorder
+from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from wil_campaign.orchestrator.run.flight.lateness import MachineLateness, remedy_of
 from wil_campaign.orchestrator.run.flight.operator_handler import (
     OperatorHandler,
     operator_handler_of,
 )
 from wil_campaign.orchestrator.run.flight.progress_reporter import ProgressReporter
-from wil_campaign.orchestrator.run.flight.recorder_factory import recorder_of
 from wil_campaign.orchestrator.run.flight.run_feed import RunFeed
 from wil_campaign.orchestrator.run.flight.watchdog import Watchdog, stage_patience_s
 from wil_campaign.orchestrator.run.judging.oracle_runner import OracleRunner
@@ -51,6 +57,32 @@ from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.worlds.scene.motion import MOMENTS
 from wil_campaign.worlds.scene.track import RunHistory, Track
+
+
+def recorder_of(setup: RunSetup, run_state: RunState, kinds: Mapping[str, str]) -> RunRecorder:
+    """Return the recorder of a run, not yet opened; its failure decides the run.
+
+    kinds: of the oracles, by name.
+    """
+    loop = asyncio.get_running_loop()
+    epoch_s = VIRTUAL_EPOCH_S if setup.clock == "virtual" else time.time() - loop.time()
+    return RunRecorder(
+        folder=setup.order.folder,
+        time=loop.time,
+        epoch_s=epoch_s,
+        # Under the wall clock the guard process logs the frames: its log survives a crash here.
+        vehicles=tuple(one.name for one in setup.guarded if setup.clock == "virtual"),
+        collision_oracles=frozenset(name for name, kind in kinds.items() if kind == "collision"),
+        clock=setup.clock,
+        settings=recording_settings(setup.campaign.record),
+        broken=lambda why: run_state.decide("ERROR", why, source="recording"),
+        facts=facts_of(setup),
+        fault=run_state.fault,
+        incomplete=lambda why: run_state.decide(
+            "INVALID", why, source="recording", ends_flight=False
+        ),
+        max_loss=setup.campaign.record.max_loss,
+    )
 
 
 @dataclass(slots=True, kw_only=True)

@@ -1,6 +1,10 @@
-"""Feeds the samples of a flight to the oracles, and their decisive events to the run state."""
+"""Feeds the samples of a flight to the oracles, and their decisive events to the run state.
+
+Selects the poses of a vehicle that are judged: at most 50 a second, also with jitter; pure.
+"""
 
 import asyncio
+import math
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -8,7 +12,6 @@ from typing import TypeVar, cast, get_args
 
 from wil_campaign.orchestrator.model.results import FenceChange
 from wil_campaign.orchestrator.model.twin_results import DropOut
-from wil_campaign.orchestrator.run.judging.judged_times import JudgedTimes
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.evaluation.judge import Judge
@@ -34,6 +37,30 @@ from wil_campaign.vehicles.driver.onboard.gps_receiver import GroundSpeed
 from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent, VehicleState
 from wil_campaign.vehicles.embedded.physics.states import TruthSample
 from wil_campaign.vehicles.poses.headings import HeadingDifference
+
+_EVERY_S = 0.02
+_EARLY_S = 0.008
+"""How early a pose may be. In simulation PX4 stamps messages sent at 50 Hz by the steps of its own
+loop, 16 and 24 ms apart."""
+
+
+class JudgedTimes:
+    """Chooses the poses of one vehicle that are judged, by their times.
+
+    Times are compared with a grid that a late pose does not shift: of a jittering source at 50 Hz
+    each pose is judged, of one at 100 Hz every other.
+    """
+
+    def __init__(self) -> None:
+        self._due_s = -math.inf
+
+    def is_due(self, t_s: float) -> bool:
+        """Return whether the pose of a time is to be judged; if so, the next one is due later."""
+        if t_s < self._due_s - _EARLY_S:
+            return False
+        self._due_s = max(self._due_s, t_s - _EARLY_S) + _EVERY_S
+        return True
+
 
 TICK_HZ = 10.0
 _JUDGED_STAGES: frozenset[str] = frozenset(get_args(JudgedStage))

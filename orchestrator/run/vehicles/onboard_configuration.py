@@ -1,6 +1,8 @@
 """Onboard configuration: parameters and fences, applied before arming, restored after landing.
 
 The onboard fence is the autopilot's own: the second line behind the guard's.
+
+Finds the log of a launched simulator in its folder, so that no download is needed.
 """
 
 import asyncio
@@ -16,7 +18,6 @@ from wil_campaign.orchestrator.run.vehicles.preflight_checks import (
     wanted_failsafes,
 )
 from wil_campaign.orchestrator.run.vehicles.restoration import Restoration
-from wil_campaign.orchestrator.run.vehicles.simulator_logs import flight_log
 from wil_campaign.orchestrator.state.parameter_backups import parameter_backup_folder
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
@@ -24,6 +25,22 @@ from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.driver.onboard.fence_backup import restore_fence
 from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterValue
 from wil_campaign.vehicles.errors import VehicleError
+
+_SUFFIXES = frozenset({".bin", ".ulg"})
+_NO_LOG = "eeprom.bin"
+"""The parameters of ArduPilot, no log."""
+
+
+def flight_log(folder: Path) -> Path | None:
+    """Return the log of a simulator's flight, the largest below its folder; None if all are empty.
+
+    ArduCopter begins another one, almost empty, as soon as it has landed.
+    """
+    files = (file for file in folder.rglob("*") if file.suffix.lower() in _SUFFIXES)
+    sizes = {file: file.stat().st_size for file in files if file.name != _NO_LOG}
+    written = [file for file, size in sizes.items() if size > 0]
+    return max(written, key=lambda file: sizes[file], default=None)
+
 
 Note = Callable[..., None]
 

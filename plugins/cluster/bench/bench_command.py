@@ -1,6 +1,11 @@
-"""`wil-campaign bench`: check bench files, and serve a bench to a cluster."""
+"""`wil-campaign bench`: check bench files, and serve a bench to a cluster.
 
+Consent to arm the vehicle of a bench, given at its terminal for a campaign of the cluster.
+"""
+
+import sys
 import tempfile
+import termios
 import threading
 from multiprocessing.connection import Listener
 from pathlib import Path
@@ -9,14 +14,47 @@ from wil_campaign.campaigns.setup.bench_file import Bench, load_benches
 from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import TakenError
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
-from wil_campaign.orchestrator.cli.arming_consent import has_terminal
+from wil_campaign.orchestrator.cli.arming_consent import (
+    RefusedError,
+    ask_to_arm,
+    find_vehicles,
+    has_terminal,
+    require_may_arm,
+    user_name,
+)
 from wil_campaign.orchestrator.cli.commands.validate import bench_summary
 from wil_campaign.orchestrator.cli.standard_streams import err, out
-from wil_campaign.plugins.cluster.bench.bench_consent import consent_at_bench
 from wil_campaign.plugins.cluster.bench.bench_node import bench_node
 from wil_campaign.plugins.cluster.bench.bench_server import BenchServer
+from wil_campaign.plugins.cluster.node_messages import ConsentAnswer, ConsentAsked
 from wil_campaign.plugins.cluster.ray_engine import engine_address
 from wil_campaign.safety.guard.process.runtime_folder import open_runtime_folder
+from wil_campaign.worlds.files.problems import printable
+
+
+def consent_at_bench(bench: Bench, request: ConsentAsked) -> ConsentAnswer:
+    """Return this bench's answer to a campaign of the cluster, given by the person at its terminal.
+
+    The vehicle is identified first. Input that was typed before the question is discarded.
+    """
+    what = printable(f"campaign '{request.campaign}' of {request.place}")
+    try:
+        if request.arm:
+            require_may_arm((bench,), user_name())
+        found = find_vehicles((bench.vehicle,))
+        if request.arm:
+            termios.tcflush(sys.stdin, termios.TCIFLUSH)
+            ask_to_arm(what, request.runs, found)
+    except RefusedError as error:
+        err(f"{what}: {error}")
+        return ConsentAnswer(f"bench {bench.name}: {error}", error.code)
+    is_hardware = not all(one.identity.simulation for one in found)
+    return ConsentAnswer(
+        code=0,
+        real_kind="hardware" if is_hardware else "sitl",
+        hardware=bench.vehicle.name if is_hardware else "",
+        vehicle=" and ".join(map(str, found)),
+    )
 
 
 def check(*files: Path) -> int:

@@ -1,29 +1,45 @@
-"""The engine that flies a campaign on a bench of a Ray cluster, through the bench's server."""
+"""The engine that flies a campaign on a bench of a Ray cluster, through the bench's server.
+
+The Ray actor on the node of a bench: relays bytes to and from the bench's server.
+
+The server is no part of Ray: when the actor ends, its connection ends, and the run lands.
+"""
 
 import asyncio
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing.connection import Client
 from pathlib import Path
 from typing import Any
 
 from wil_campaign.campaigns.schema.bench import BenchRequestPart
 from wil_campaign.campaigns.setup.bench_file import Bench, read_bench
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
-from wil_campaign.plugins.cluster.bench.bench_agent import BenchAgent
-from wil_campaign.plugins.cluster.bench.bench_messages import FILE, TEXT
+from wil_campaign.plugins.cluster.bench.bench_messages import FILE, SOCKET_VARIABLE, TEXT
 from wil_campaign.plugins.cluster.bench.bench_resources import (
     announced_benches,
     chosen_bench,
     missing_bench,
     resource_of,
 )
+from wil_campaign.plugins.cluster.node_agent import PipeAgent
 from wil_campaign.plugins.cluster.node_messages import ConsentAnswer, ConsentAsked
 from wil_campaign.plugins.cluster.ray_agents import HiredAgent, fit_facts
 from wil_campaign.plugins.cluster.ray_engine import RayEngine, running_ray
 from wil_campaign.plugins.cluster.store import Store
 from wil_campaign.worlds.files.documents import Document, parse
+
+
+class BenchAgent(PipeAgent):
+    """Relays between the machine of a campaign and the server of this bench."""
+
+    def __init__(self) -> None:
+        connection = Client(os.environ[SOCKET_VARIABLE], family="AF_UNIX")
+        super().__init__(connection, connection)
+
 
 _POLL_S = 1.0
 _REPLY_S = 120.0

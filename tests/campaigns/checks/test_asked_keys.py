@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.orchestrator.hover import CAMPAIGN, write_hover
-from wil_campaign.campaigns.checks.asked_keys import unread_keys
+from wil_campaign.campaigns.checks.autonomy_checks import unread_keys
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 
 Build = Callable[[dict[str, object]], object]

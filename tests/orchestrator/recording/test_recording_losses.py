@@ -17,8 +17,7 @@ from wil_campaign.orchestrator.recording.mcap.mcap_encode import Encoder
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import LOSSLESS
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder, TopicLoss
 from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading
-from wil_campaign.orchestrator.recording.recording_losses import excessive_loss
-from wil_campaign.orchestrator.recording.run_recorder import RunRecorder
+from wil_campaign.orchestrator.recording.run_recorder import RunRecorder, excessive_loss
 from wil_campaign.safety.model.verdict import Decision, DecisiveEvent
 from wil_campaign.vehicles.background_file import Patience
 

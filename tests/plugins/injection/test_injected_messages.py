@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.plugins.injection.message_pacing import PLANS, InjectionPlan, PacedMessages
+from wil_campaign.plugins.injection.injector import PLANS, InjectionPlan, PacedMessages
 from wil_campaign.plugins.injection.pose_messages import (
     PoseSpread,
     landing_target,

@@ -10,13 +10,13 @@ from wil_campaign.campaigns.setup.case_setup import VehicleSetup
 from wil_campaign.campaigns.values.sensor_setups import OtherSetup
 from wil_campaign.orchestrator.model.clock import run_virtual
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
-from wil_campaign.plugins.injection.injection_check import (
+from wil_campaign.plugins.injection.injection_setups import Injected, InjectionSetup
+from wil_campaign.plugins.injection.injections import (
     InjectionProof,
     UnsupportedInjectionError,
     message_name,
     prove_injection,
 )
-from wil_campaign.plugins.injection.injection_setups import Injected, InjectionSetup
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.sensors.lidar import RangefinderOptions
 from wil_campaign.vehicles.sensors.sensor_spec import MountPart

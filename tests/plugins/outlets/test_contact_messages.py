@@ -2,7 +2,7 @@
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.plugins.outlets.contact_messages import collision
+from wil_campaign.plugins.outlets.ground_station import collision
 from wil_campaign.vehicles.mavlink.codec import Codec
 
 

@@ -11,7 +11,7 @@ from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_c
 from wil_campaign.plugins.search.exploration.model import FailingCase, Variant
 from wil_campaign.plugins.search.exploration.search_file import load_search
 from wil_campaign.plugins.search.exploration.space import Values
-from wil_campaign.plugins.search.failure_file import failure_text
+from wil_campaign.plugins.search.search_runner import failure_text
 
 CHOICES = """\
     where: {key: world, choices: [world.yaml, worlds/other.yaml]}

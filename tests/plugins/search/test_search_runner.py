@@ -15,8 +15,8 @@ from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.search.errors import SearchError
 from wil_campaign.plugins.search.exploration.search_file import load_search
 from wil_campaign.plugins.search.ledger import FILE_NAME as LEDGER
+from wil_campaign.plugins.search.search_command import search_text
 from wil_campaign.plugins.search.search_runner import SearchOutcome, fly_search
-from wil_campaign.plugins.search.search_text import search_text
 from wil_campaign.safety.model.oracle_results import Verdict
 
 TPE = SEARCH.replace("strategy: grid", "strategy: tpe").replace("sim: 3", "sim: 4")

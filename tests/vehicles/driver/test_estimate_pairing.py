@@ -2,7 +2,7 @@
 
 import pytest
 
-from wil_campaign.vehicles.driver.estimate_pairing import EstimatePairing
+from wil_campaign.vehicles.driver.estimates import EstimatePairing
 from wil_campaign.vehicles.driver.vehicle_state import LocalEstimate
 from wil_campaign.worlds.frames import Pose, quat_from_euler
 

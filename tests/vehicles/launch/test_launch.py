@@ -14,10 +14,9 @@ import pytest
 
 from tests.vehicles.launch.launched_vehicle import LaunchedVehicle
 from wil_campaign.vehicles.launch.ardupilot import ArduPilotLaunch
-from wil_campaign.vehicles.launch.instances import is_free, take_instance
 from wil_campaign.vehicles.launch.launch_plan import Home, LaunchError, Port
 from wil_campaign.vehicles.launch.launch_records import RECORD, LaunchRecord, find_orphans
-from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch
+from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch, is_free, take_instance
 from wil_campaign.vehicles.launch.px4 import Px4Launch
 from wil_campaign.vehicles.processes.identity import ProcessId, boot_id
 

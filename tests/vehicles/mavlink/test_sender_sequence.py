@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wil_campaign.vehicles.mavlink.framing import Frame
-from wil_campaign.vehicles.mavlink.sender_sequence import SenderSequence
+from wil_campaign.vehicles.mavlink.vehicle_frames import SenderSequence
 
 Sent = tuple[float, str, Frame]
 

@@ -20,15 +20,15 @@ import psutil
 import pytest
 
 from tests.vehicles.processes.busy_core import one_busy_core
-from wil_campaign.orchestrator.campaign.workers.limited_loading import (
-    LoadingTimeoutError,
-    limited_loading,
-)
 from wil_campaign.orchestrator.campaign.workers.local_workers import (
     LocalWorker,
     LocalWorkers,
     PipeInbox,
     await_message,
+)
+from wil_campaign.orchestrator.campaign.workers.run_order import (
+    LoadingTimeoutError,
+    limited_loading,
 )
 from wil_campaign.orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
 from wil_campaign.orchestrator.campaign.workers.worker_pool import Pool
@@ -515,7 +515,7 @@ def test_an_alarm_while_loading_ends_leaves_nothing_armed(
     monkeypatch.setattr(faulthandler, "dump_traceback_later", dump_later)
     monkeypatch.setattr(faulthandler, "cancel_dump_traceback_later", cancel)
     monkeypatch.setattr(signal, "setitimer", set_and_alarm)
-    wait = "wil_campaign.orchestrator.campaign.workers.limited_loading.processor_wait_s"
+    wait = "wil_campaign.orchestrator.campaign.workers.run_order.processor_wait_s"
     monkeypatch.setattr(wait, lambda _pid: 0.0)
     with limited_loading(30.0):
         monkeypatch.setattr(wait, lambda _pid: waited_s)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from wil_campaign.orchestrator.run.stages.actor_way import ActorProgress, ActorWay
+from wil_campaign.orchestrator.run.stages.actor_flight import ActorProgress, ActorWay
 from wil_campaign.worlds.frames import Pose, Vec3
 from wil_campaign.worlds.scene.motion import Motion, Waypoint
 

@@ -4,7 +4,7 @@ from itertools import accumulate, pairwise
 
 import pytest
 
-from wil_campaign.orchestrator.run.judging.judged_times import JudgedTimes
+from wil_campaign.orchestrator.run.judging.oracle_runner import JudgedTimes
 
 
 def judged(times_s: list[float]) -> list[float]:

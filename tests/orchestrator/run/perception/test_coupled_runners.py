@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from wil_campaign.orchestrator.model.clock import run_virtual
-from wil_campaign.orchestrator.run.perception.coupled_runners import ShadowRunner
+from wil_campaign.orchestrator.run.perception.runner_factory import ShadowRunner
 from wil_campaign.vehicles.setpoints import Setpoint, VelocitySetpoint
 
 AHEAD = VelocitySetpoint((1.0, 0.0, 0.0))

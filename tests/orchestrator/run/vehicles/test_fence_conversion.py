@@ -5,7 +5,7 @@ import math
 import pytest
 import shapely
 
-from wil_campaign.orchestrator.run.vehicles.fence_conversion import onboard_fence_of
+from wil_campaign.orchestrator.run.vehicles.onboard_fences import onboard_fence_of
 from wil_campaign.safety.fence.areas import Area, Circle, Polygon
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.vehicles.mavlink.fence_areas import FencePolygon, Place

@@ -18,7 +18,7 @@ from wil_campaign.orchestrator.run.stages.before_arming import BeforeArming
 from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
 from wil_campaign.orchestrator.run.stages.pair_flight import fly_together
 from wil_campaign.orchestrator.run.vehicles.arming_record import ArmingRecord
-from wil_campaign.orchestrator.run.vehicles.simulator_logs import flight_log
+from wil_campaign.orchestrator.run.vehicles.onboard_configuration import flight_log
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
 from wil_campaign.safety.guard.core.events import GuardEvent
 from wil_campaign.vehicles.errors import VehicleError

@@ -20,11 +20,11 @@ from wil_campaign.orchestrator.run.vehicles.onboard_configuration import Onboard
 from wil_campaign.orchestrator.run.vehicles.restoration import Restoration
 from wil_campaign.orchestrator.state.parameter_backups import parameter_backup_folder
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
-from wil_campaign.plugins.injection.injection_check import (
+from wil_campaign.plugins.injection.injection_setups import InjectionSetup
+from wil_campaign.plugins.injection.injections import (
     UnsupportedInjectionError,
     prove_injection,
 )
-from wil_campaign.plugins.injection.injection_setups import InjectionSetup
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.driver import Driver

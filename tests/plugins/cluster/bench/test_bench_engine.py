@@ -21,8 +21,8 @@ from wil_campaign.orchestrator.campaign.folder.campaign_folder import TakenError
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.plugins.cluster.bench.bench_engine import await_bench
-from wil_campaign.plugins.cluster.bench.bench_gate import BenchGate
 from wil_campaign.plugins.cluster.bench.bench_resources import announced_benches, resources_of
+from wil_campaign.plugins.cluster.bench.bench_server import BenchGate
 from wil_campaign.plugins.cluster.node_messages import ConsentAsked, RunOrdered
 from wil_campaign.worlds.files.documents import BadInput, parse
 

@@ -263,7 +263,7 @@ def test_a_disk_that_takes_nothing_leaves_no_file(
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("wil_campaign.plugins.ros2.bags.bag_file.BagFile.finish", full)
+    monkeypatch.setattr("wil_campaign.plugins.ros2.bags.recorded_bag.BagFile.finish", full)
     assert export(tmp_path, tmp_path / "flight.mcap") == 3
     assert "No space left on device" in capsys.readouterr().err
     assert not list(tmp_path.glob("*flight*"))

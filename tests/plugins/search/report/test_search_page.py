@@ -12,7 +12,7 @@ from wil_campaign.plugins.search.exploration.sensed import (
     sensed_coverage,
 )
 from wil_campaign.plugins.search.exploration.space import Parameter, Space, Values
-from wil_campaign.plugins.search.report.search_page import SearchPage, render_search
+from wil_campaign.plugins.search.report.search_report import SearchPage, render_search
 from wil_campaign.plugins.search.search_document import unsettled_texts
 from wil_campaign.plugins.search.search_runner import exit_code_of
 
