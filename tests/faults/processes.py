@@ -67,7 +67,7 @@ class FaultyProgram(Program):
     def __init__(
         self, out: Path, *arguments: str, step: Path, truth_port: int, clock: str = "wall"
     ) -> None:
-        super().__init__(out, *arguments, clock=clock, starts=True)  # each imports `inside` first
+        super().__init__(out, *arguments, clock=clock)
         self.step = step
         self._truth_port = truth_port
         self._temporary = self.runtime / "tmp"

@@ -40,8 +40,7 @@ from tests.faults.signals import (
 )
 from tests.faults.socket_relay import CaptureRelay, MavlinkRelay, PictureRelay, Receiver
 from tests.faults.wire_changes import OTHERS, WireFault
-from tests.forks import ROOT, Forked, fork_program
-from tests.orchestrator.wall_runs import stages
+from tests.orchestrator.wall_runs import ROOT, stages
 from tests.ports import free_port
 from tests.vehicles.embedded.running_vehicle import running_vehicle
 from wil_campaign.orchestrator.state.run_state import Stage
@@ -150,7 +149,7 @@ class _Flight:
         self._fault, self._folder, self._disturbed = fault, folder, disturbed
         self._stall_s = stall_s
         self._active = self._position_is_lost = False
-        self._vehicle: Forked | None = None
+        self._vehicle: asyncio.subprocess.Process | None = None
 
     async def fly(self) -> _Result:
         """Fly it to its end."""
@@ -244,18 +243,22 @@ class _Flight:
         return path
 
     @asynccontextmanager
-    async def _program(self, campaign: Path) -> AsyncIterator[Forked]:
+    async def _program(self, campaign: Path) -> AsyncIterator[asyncio.subprocess.Process]:
         runtime = Path(tempfile.mkdtemp(prefix="wil-"))
-        process = await fork_program(
-            *("-m", "wil_campaign", "run", str(campaign)),
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "wil_campaign", "run", str(campaign)),
             *("--clock", "wall", "--jobs", "1", "--json", "--arm-real"),
             *("--out", str(self._folder / "out"), *self._sets),
-            environment={
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            cwd=ROOT,
+            env={
                 **os.environ,
                 "PYTHONPATH": str(ROOT),
                 "XDG_RUNTIME_DIR": str(runtime),
                 "XDG_STATE_HOME": str(self._folder / "state"),
             },
+            start_new_session=True,
         )
         try:
             yield process
@@ -335,7 +338,7 @@ class _Flight:
 @asynccontextmanager
 async def _vehicle(
     fault: SignalFault, folder: Path, *, mavlink_port: int, feed_port: int
-) -> AsyncIterator[Forked]:
+) -> AsyncIterator[asyncio.subprocess.Process]:
     """Run the vehicle that is judged as a process of its own."""
     is_real = fault.subject == "real"
     mission = mission_of(fault.cause, fault.mode)
@@ -361,10 +364,13 @@ async def _vehicle(
 @asynccontextmanager
 async def _simulator(world: Path) -> AsyncIterator[str]:
     """Run the reference simulator; gives its address."""
-    process = await fork_program(
-        *("-m", "wil_campaign.vehicles.sources.reference_simulator"),
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "wil_campaign.vehicles.sources.reference_simulator"),
         *("--world", str(world), "--bind", "tcp://127.0.0.1:*"),
-        environment={**os.environ, "PYTHONPATH": str(ROOT)},
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=asyncio.subprocess.PIPE,
+        start_new_session=True,
     )
     try:
         assert process.stdout is not None

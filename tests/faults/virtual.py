@@ -21,7 +21,6 @@ from tests.faults.mortal_loop import MortalLoop
 from tests.faults.readable import unreadable
 from tests.faults.strikes import KEY, Strike, signing_vehicles
 from tests.faults.witness import Witness
-from tests.orchestrator.conftest import FEW_PICTURES
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.flight import run as running
@@ -51,6 +50,11 @@ _LONGEST_GAP_S = 1.0
 """Of the link, by both campaigns; a heartbeat is a second, so that a gap may be half of one more.
 A link that is dark for longer while the pair is armed must not PASS."""
 _GAP_SPARE_S = 0.5
+_SMALL = tuple(
+    f"vehicles.{name}.sensors.camera.{key}={value}"
+    for name in ("real", "twin")
+    for key, value in (("width_px", 160), ("height_px", 120))
+)
 _ACTS_WITHIN_S = {"orchestrator": 0.5, "real": 3.2}
 """After whose end in the air the guard has to take over, and how soon."""
 _ENDS_WITHIN_S = 900.0
@@ -192,7 +196,7 @@ class _Flight:
 
 
 def setup_of(fault: Fault, folder: Path) -> RunSetup:
-    options = Options(cases=("large",), modes=("wil",), sets=FEW_PICTURES)
+    options = Options(cases=("large",), modes=("wil",), sets=_SMALL)
     plan = load_campaign(ROOT / "campaigns" / f"{fault.campaign}.yaml", options).runs[0]
     setup = RunSetup.of(RunOrder(plan=plan, folder=folder, clock="virtual"))
     if fault.victim != "forged":

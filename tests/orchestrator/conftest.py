@@ -1,17 +1,14 @@
 """Runs of the shipped campaigns, small enough for tests; workers that need not import anew."""
 
-import fcntl
 import multiprocessing
-import os
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from tests.orchestrator.on_already import ASKS, in_run_servers, on_already
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
 from wil_campaign.orchestrator.cli import main
@@ -26,7 +23,6 @@ from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 ROOT = Path(__file__).parents[2]
-in_run_servers()
 
 
 @pytest.fixture(autouse=True)
@@ -95,18 +91,21 @@ def workers_forked() -> Iterator[None]:
 
 
 @pytest.fixture
-def forked_workers(fork_server: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Have all workers forked during the test, and vehicles on already."""
-    monkeypatch.setenv(ASKS, "1")
+def forked_workers(fork_server: None) -> Iterator[None]:
+    """Have all workers forked during the test."""
     with workers_forked():
         yield
 
 
 @contextmanager
 def vehicles_on() -> Iterator[None]:
-    """Have embedded vehicles in this process on already."""
+    """Have embedded vehicles in this process on for a minute already, as those on the wall clock.
+
+    Their boot is no matter of most flights: 6 s of each with PX4, 40 s with ArduCopter.
+    """
+    on = partial(vars(vehicle_backends)["EmbeddedConfig"], running_s=60.0)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(vehicle_backends, "EmbeddedConfig", on_already)
+        patch.setattr(vehicle_backends, "EmbeddedConfig", on)
         yield
 
 
@@ -119,21 +118,12 @@ GATE_FLOWN = (
 
 @pytest.fixture(scope="session")
 def flown_gate(fork_server: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the results folder of a run and a control of gate.yaml, flown as users fly them.
-
-    The workers of pytest-xdist have it in common: the first one flies. Nobody writes to it.
-    """
-    own = tmp_path_factory.getbasetemp()
-    out = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "flown-gate"
+    """Return the results folder of a run and a control of gate.yaml, flown as users fly them."""
+    out = tmp_path_factory.mktemp("out")
     gate = str(ROOT / "campaigns" / "gate.yaml")
-    with out.with_suffix(".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not (out / "flown").exists():
-            shutil.rmtree(out, ignore_errors=True)  # of one that failed
-            given = (*GATE_FLOWN, "--repetitions", "1", "--out", str(out), "--jobs", "1", "--json")
-            with workers_forked():
-                assert main(["run", gate, *given]) == 0
-            (out / "flown").touch()
+    with workers_forked():
+        given = (*GATE_FLOWN, "--repetitions", "1", "--out", str(out), "--jobs", "1", "--json")
+        assert main(["run", gate, *given]) == 0
     (folder,) = (out / "gate").iterdir()
     return folder
 

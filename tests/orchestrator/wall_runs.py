@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from tests.forks import Forked, fork_program
 from tests.orchestrator.conftest import STEP
 
 ROOT = Path(__file__).parents[2]
@@ -27,17 +26,7 @@ PATIENT = (
     *(f"vehicles.{name}.telemetry.max_gap_s=5" for name in ("real", "twin")),
 )
 """Small pictures, and limits that a loaded machine does not exceed: what is tested is who lives."""
-
-
-def at_rate(hz: int) -> tuple[str, ...]:
-    """Return the words for so many pictures a second, of the cameras and mixed."""
-    cameras = (f"vehicles.{name}.sensors.camera.rate_hz={hz}" for name in ("real", "twin"))
-    each = (*cameras, f"recipe.sensors.camera.rate_hz={hz}")
-    return tuple(word for one in each for word in ("--set", one))
-
-
-STEP_ALONE = tuple(word for one in (*STEP, "controls={}") for word in ("--set", one))
-SHORT = (*at_rate(5), *STEP_ALONE)
+SHORT = tuple(word for one in (*STEP, "controls={}") for word in ("--set", one))
 """Up, a step ahead, and down, far from the gate: close by, pictures that a loaded machine mixes a
 tenth of a second late show it far from its place, which rightly makes the run INVALID."""
 STAYING = (
@@ -74,10 +63,7 @@ class Landed:
 
 
 class Program:
-    """`wil-campaign run` as a process of its own, on the wall clock; an async context manager.
-
-    starts: an interpreter is started, as users do it; else the program is forked, which costs less.
-    """
+    """`wil-campaign run` as a process of its own, on the wall clock; an async context manager."""
 
     def __init__(
         self,
@@ -87,10 +73,8 @@ class Program:
         clock: str | None = "wall",
         flown: tuple[str, str] = ("gate", "large"),
         has_cameras: bool = True,
-        starts: bool = False,
     ) -> None:
         self.out = out
-        self._starts = starts
         self._campaign, self._case = flown
         self._clock = () if clock is None else ("--clock", clock)
         # Beneath pytest's folders the path of a socket is too long.
@@ -100,23 +84,16 @@ class Program:
 
     async def __aenter__(self) -> Self:
         sets = [word for one in self._patient for word in ("--set", one)]
-        words = (
-            *("-m", "wil_campaign", "run", f"campaigns/{self._campaign}.yaml"),
+        self.process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "wil_campaign", "run", f"campaigns/{self._campaign}.yaml"),
             *(*self._clock, "--case", self._case, "--repetitions", "1", "--jobs", "1"),
             *("--out", str(self.out), *sets, *self._arguments),
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            cwd=ROOT,
+            env=self.environment,
+            start_new_session=True,
         )
-        self.process: asyncio.subprocess.Process | Forked
-        if self._starts:
-            self.process = await asyncio.create_subprocess_exec(
-                *(sys.executable, *words),
-                stdout=asyncio.subprocess.PIPE,
-                stderr=asyncio.subprocess.PIPE,
-                cwd=ROOT,
-                env=self.environment,
-                start_new_session=True,
-            )
-        else:
-            self.process = await fork_program(*words, environment=self.environment)
         return self
 
     async def __aexit__(self, *error: object) -> None:
@@ -136,8 +113,13 @@ class Program:
 
     async def operate(self, *arguments: str) -> Landed:
         """Run another command of ours beside it."""
-        words = ("-m", "wil_campaign", *arguments)
-        process = await fork_program(*words, environment=self.environment)
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "wil_campaign", *arguments),
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            cwd=ROOT,
+            env=self.environment,
+        )
         out, err = await process.communicate()
         return Landed(process.returncode or 0, out.decode(), err.decode())
 

@@ -117,6 +117,9 @@ class Driver:
             name=name,
             changes=self._changes,
             state=lambda: self.state,
+            heartbeat_s=lambda: (
+                0.0 if self._status is None else self._status.reported_s.get("heartbeat", 0.0)
+            ),
             circumstances=self._circumstances,
         )
         self.onboard = self._backend.onboard(

@@ -147,7 +147,6 @@ class Flights:
 
         def watch(pair: Pair, run_state: RunState) -> None:
             probe.stage = lambda: run_state.stage
-            run_state.on_stage(lambda stage, _: probe.trace_calls(stage))
             seen.append(Witness(pair.vehicles))
             if disturb is not None:
                 disturb(pair, run_state)

@@ -21,8 +21,7 @@ from tests.faults.exceptions.injection import (
     Probe,
     protocols_pass_by,
 )
-from tests.forks import ROOT
-from tests.safety.guard.remote_rigs import SYSTEMS, RemoteFlight, until, words
+from tests.safety.guard.remote_rigs import ROOT, SYSTEMS, RemoteFlight, until, words
 from wil_campaign.orchestrator.model.faults import Faults, fault_log
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand

@@ -15,11 +15,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import CodeType, FrameType
-from typing import Any, Literal, TypeVarTuple, get_args
+from typing import Any, Literal, TypeVarTuple
 from unittest import mock
 
 from wil_campaign.orchestrator.model.clock import VirtualLoop
-from wil_campaign.orchestrator.state.run_state import Stage
 
 _Ts = TypeVarTuple("_Ts")
 
@@ -39,7 +38,6 @@ _OF_PROTOCOLS = {
 }
 
 Kind = Literal["await", "callback", "call"]
-STAGES = ("opening", *get_args(Stage))
 
 
 class InjectedError(Exception):
@@ -84,8 +82,6 @@ class Probe:
     stage: Callable[[], str] = lambda: "opening"
     counts: dict[Point, int] = field(default_factory=dict)
     raised: bool = False
-    trace_calls: Callable[[str], None] = lambda _: None
-    """Has calls pass by, or spares that: tell it each stage that the run enters."""
 
     def pass_by(self, point: Point) -> BaseException | None:
         """Return what is to be raised at a point, which the run has come to."""
@@ -247,8 +243,7 @@ def _task_name() -> str:
 def calls_pass_by(probe: Probe, *, but: tuple[str, ...] = ()) -> Iterator[None]:
     """Have each call of a plain function of ours pass by the probe, which may raise in its place.
 
-    but: folders and files whose functions are left out. Where one is wanted, calls are traced in
-    its stage and the one before: all others cost as much as the flight.
+    but: folders and files whose functions are left out.
     """
     left_out = tuple(f"{_HOME}{one}" for one in but)
     known: dict[CodeType, str] = {}
@@ -267,14 +262,7 @@ def calls_pass_by(probe: Probe, *, but: tuple[str, ...] = ()) -> Iterator[None]:
         if error is not None:
             raise error
 
-    def trace(stage: str) -> None:
-        is_near = wanted is None or (
-            not probe.raised and 0 <= STAGES.index(wanted.point.stage) - STAGES.index(stage) <= 1
-        )
-        sys.settrace(entered if is_near else None)
-
-    probe.trace_calls = trace
-    trace("opening")
+    sys.settrace(entered)
     try:
         yield
     finally:

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 import wil_campaign
-from tests.forks import ForkedSubprocess
 from tests.orchestrator.conftest import workers_forked
 from tests.orchestrator.hover import write_hover
 from tests.plugins.cluster.bench.test_bench_engine import BENCH, write_bench, write_campaign
@@ -27,7 +26,6 @@ def refusal(fly: Callable[[], object]) -> tuple[str, int]:
 @pytest.fixture(autouse=True)
 def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.setattr(flying, "subprocess", ForkedSubprocess)
 
 
 @pytest.mark.no_turn("flies nothing")

@@ -4,6 +4,7 @@ import asyncio
 import json
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,10 +13,10 @@ from pathlib import Path
 import pytest
 
 from tests.faults.inspection import processes_of
-from tests.forks import ROOT, fork_program
 from tests.orchestrator.hover import write_hover
 from tests.ports import free_port
 
+ROOT = Path(__file__).parents[3]
 _END_WITHIN_S = 240.0
 
 
@@ -37,10 +38,14 @@ def runtime() -> Iterator[Path]:
 
 
 async def flown(campaign: Path, runtime: Path, *arguments: str) -> Ended:
-    process = await fork_program(
-        *("-m", "wil_campaign", "run", str(campaign), "--clock", "virtual"),
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "wil_campaign", "run", str(campaign), "--clock", "virtual"),
         *("--out", str(campaign.parent / "out"), "--repetitions", "1", "--json", *arguments),
-        environment={**os.environ, "XDG_RUNTIME_DIR": str(runtime), "PYTHONPATH": str(ROOT)},
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        cwd=ROOT,
+        env={**os.environ, "XDG_RUNTIME_DIR": str(runtime), "PYTHONPATH": str(ROOT)},
+        start_new_session=True,
     )
     async with asyncio.timeout(_END_WITHIN_S):
         out, err = await process.communicate()

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.orchestrator.campaign.test_attached_run import outside, words
-from tests.orchestrator.wall_runs import STEP_ALONE, Program
+from tests.orchestrator.wall_runs import SHORT, Program
 from tests.ports import free_port
 from tests.vehicles.sources.readings.publisher import Publisher, publishing
 from wil_campaign.vehicles.autopilots.autopilot import MessageRate, TelemetryRates
@@ -89,7 +89,7 @@ async def test_an_attached_vehicle_s_own_sensors_and_a_program_s_are_flown_by(
         sync__takeoff_tolerance_m="0.3",
         preflight__failsafe="set",
     )
-    arguments = ("--mode", "wil", "--json", "--arm-real", *STEP_ALONE, *sets)
+    arguments = ("--mode", "wil", "--json", "--arm-real", *SHORT, *sets)
     sending = asyncio.create_task(publishing(publisher, "microphone", hz=30.0))
     async with (
         outside(f"udpout://127.0.0.1:{port}", "px4"),

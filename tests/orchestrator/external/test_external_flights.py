@@ -9,8 +9,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from tests.forks import ROOT, ForkedPopen
-from tests.orchestrator.wall_runs import SHORT, STAYING, Program, at_rate
+from tests.orchestrator.wall_runs import ROOT, SHORT, STAYING, Program
 from tests.ports import free_port
 from tests.vehicles.sources.pumping import pump
 from wil_campaign.vehicles.perception.blobs import BlobFinder
@@ -23,20 +22,21 @@ CAMERA = Intrinsics.from_fov(160, 120, 1.2)
 
 
 @asynccontextmanager
-async def simulator() -> AsyncIterator[tuple[str, ForkedPopen]]:
+async def simulator() -> AsyncIterator[tuple[str, "subprocess.Popen[str]"]]:
     """The reference simulator, in a process of its own; gives its address."""
     process = await asyncio.to_thread(
-        ForkedPopen,
+        subprocess.Popen,
         [
             *(sys.executable, "-m", "wil_campaign.vehicles.sources.reference_simulator"),
             *("--world", "worlds/gate.yaml", "--bind", "tcp://127.0.0.1:*"),
         ],
         cwd=ROOT,
         stdout=subprocess.PIPE,
+        text=True,
     )
     assert process.stdout is not None
     try:
-        yield (await asyncio.to_thread(process.stdout.readline)).decode().strip(), process
+        yield (await asyncio.to_thread(process.stdout.readline)).strip(), process
     finally:
         process.kill()
         process.wait()
@@ -68,7 +68,7 @@ async def test_a_simulator_draws_the_twins_world_and_a_second_program_sees_the_m
     async with simulator() as (address, _):
         watching = asyncio.create_task(watch(port, seen))
         given = (
-            *(*SHORT, *at_rate(15), *sets("autonomy.with={speed_m_s: 0.3, for_s: 4}")),
+            *(*SHORT, *sets("autonomy.with={speed_m_s: 0.3, for_s: 4}")),
             *sets(drawn_by(address, 3000), f"deliver=[{{rtp: '127.0.0.1:{port}'}}]"),
         )
         async with Program(tmp_path / "out", "--mode", "wil", "--json", *given) as program:

@@ -100,6 +100,7 @@ def test_a_recording_is_incomplete_until_its_dead_disk_comes_back(
     monkeypatch.setattr(mcap_writer, "patience", Brief())
     said: list[str] = []
     faults: list[BaseException] = []
+    others = set(threading.enumerate())
     with RunRecorder(
         folder=tmp_path,
         time=lambda: 1.0,
@@ -120,9 +121,8 @@ def test_a_recording_is_incomplete_until_its_dead_disk_comes_back(
     assert (said, faults, run.losses) == ([why], [], ())
     assert "the disk takes nothing" in (tmp_path / "log.jsonl").read_text()
     released.set()
-    for thread in threading.enumerate():
-        if thread.name == "recorder run.mcap":
-            thread.join()
+    for thread in set(threading.enumerate()) - others:
+        thread.join()
     found, recording = read(tmp_path / "run.mcap")
     assert [type(one) for one in found].count(RecordedReading) == 1
     assert recording.end is not None

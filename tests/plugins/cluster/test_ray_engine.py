@@ -4,16 +4,13 @@ import json
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from subprocess import PIPE
-from unittest import mock
 
 import psutil
 import pytest
 
-from tests.forks import ForkedPopen
 from tests.orchestrator.hover import write_hover
 from tests.plugins.cluster.fake_ray import FakeRay
 from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
@@ -44,22 +41,8 @@ class QuickAgent:
     def die(self) -> None: ...
 
 
-def fork_detached(command: list[str], environment: Mapping[str, str]) -> tuple[int, int, int]:
-    """Fork a process of a node, in place of `_start_detached`."""
-    process = ForkedPopen(command, stdin=PIPE, stdout=PIPE, env=environment)
-    assert process.stdin is not None
-    assert process.stdout is not None
-    process.detach()
-    with process.stdin, process.stdout:
-        return process.pid, os.dup(process.stdin.fileno()), os.dup(process.stdout.fileno())
-
-
 class MortalAgent(node_agent.NodeAgent):
     """An agent that dies as a worker of Ray does: with its children, and its pipes are closed."""
-
-    def __init__(self) -> None:
-        with mock.patch.object(node_agent, "_start_detached", fork_detached):
-            super().__init__()
 
     def die(self) -> None:
         for child in psutil.Process().children():

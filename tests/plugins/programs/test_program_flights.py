@@ -6,7 +6,7 @@ import textwrap
 from pathlib import Path
 
 from tests.orchestrator.external.test_external_flights import sets
-from tests.orchestrator.wall_runs import SHORT, Program, at_rate
+from tests.orchestrator.wall_runs import SHORT, Program
 from tests.ports import free_port
 
 FLY = """
@@ -22,11 +22,10 @@ FLY = """
     parser.robust_parsing = True
     moved = armed = 0
     print("flying to", goal["altitude_m"], flush=True)
-    (scans,) = json.loads(os.environ["WIL_ZMQ"])
-    lidar = zmq.Context().socket(zmq.SUB)
-    lidar.connect(scans["address"])
-    lidar.subscribe(scans["topic"])
-    seen = []
+    lidar, seen = zmq.Context().socket(zmq.SUB), []
+    for scans in json.loads(os.environ.get("WIL_ZMQ", "[]")):
+        lidar.connect(scans["address"])
+        lidar.subscribe(scans["topic"])
     while True:
         link.sendto(mavlink.MAVLink_set_position_target_local_ned_message(
             0, system, 1, 1, 0b110111000111, 0, 0, 0, 0.5, 0, 0, 0, 0, 0, 0, 0
@@ -43,7 +42,7 @@ FLY = """
         while lidar.poll(0):
             seen.append(msgpack.unpackb(lidar.recv_multipart()[1]))
         if moved > 1.0:
-            print("there", len(seen) > 5, scans["sensor"], seen[-1]["type"], flush=True)
+            print("there", len(seen) > 5, *(one["type"] for one in seen[-1:]), flush=True)
             sys.exit(0)
 """
 
@@ -80,7 +79,7 @@ async def test_an_autonomy_that_is_a_program_flies(tmp_path: Path) -> None:
     assert result["video"]["failed"] == 0
     assert result["video"]["delivered"] > 20
     log = (program.run_folder("sim") / "twin-autonomy.log").read_text()
-    assert log == "flying to 1.2\nthere True scan lidar\n"
+    assert log == "flying to 1.2\nthere True lidar\n"
 
 
 CROPPED = """
@@ -102,7 +101,7 @@ async def test_a_program_is_sent_mixtures_of_the_size_that_the_recipe_gives_them
     recipe.write_text(textwrap.dedent(CROPPED))
     command = json.dumps([sys.executable, str(script)])
     given = (
-        *(*SHORT, *at_rate(15), *sets(f"autonomy={{program: {command}}}", f"recipe={recipe}")),
+        *(*SHORT, *sets(f"autonomy={{program: {command}}}", f"recipe={recipe}")),
         *sets(f"deliver=[{{rtp: '127.0.0.1:{free_port()}'}}]"),
     )
     async with Program(tmp_path / "out", "--mode", "wil", "--json", *given) as program:

@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import os
 import sys
 import time
 from collections.abc import Awaitable, Callable
@@ -10,7 +9,6 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any, Self
 
-from tests.forks import Forked, children_forked, fork_program
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
 from wil_campaign.safety.guard.process.guard_config import GuardConfig, Guarded
@@ -22,6 +20,7 @@ from wil_campaign.vehicles.links.link_conditions import LinkConditions
 from wil_campaign.vehicles.mavlink.codec import Codec
 from wil_campaign.worlds.frames import Pose
 
+ROOT = Path(__file__).parents[3]
 SYSTEMS = {"real": 1, "twin": 2}
 FENCE = Fence.box(north_m=(-3, 5), east_m=(-3, 3), up_m=(-1, 6))
 DRIVER = Codec(system_id=245, component_id=190)
@@ -72,8 +71,7 @@ class RemoteFlight:
                 link = self.guard.link(name)
                 link.receive(self._hear(name))
                 await stack.enter_async_context(link)
-            with children_forked():
-                await stack.enter_async_context(self.guard)
+            await stack.enter_async_context(self.guard)
             for name, system in SYSTEMS.items():
                 self.pids[name] = await self.guard.start(name, self._argv(name, system))
             self._stream()
@@ -141,11 +139,16 @@ async def until(condition: Callable[[], bool], timeout_s: float = 60.0) -> float
 
 async def start_orchestrator(
     folder: Path, *, patience_s: float = 120.0
-) -> tuple[Forked, dict[str, int]]:
+) -> tuple[asyncio.subprocess.Process, dict[str, int]]:
     """Start this file as a program; returns it and the process ids, once all are in the air."""
-    program = await fork_program(
-        *("-m", "tests.safety.guard.remote_rigs", str(folder), str(patience_s)),
-        environment=os.environ,
+    program = await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-m",
+        "tests.safety.guard.remote_rigs",
+        str(folder),
+        str(patience_s),
+        stdout=asyncio.subprocess.PIPE,
+        cwd=ROOT,
     )
     assert program.stdout is not None
     async with asyncio.timeout(120.0):

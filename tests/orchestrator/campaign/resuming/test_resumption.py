@@ -16,7 +16,6 @@ from typing import Any
 
 import pytest
 
-from tests.forks import ForkedPopen
 from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import Campaign, Options, RunPlan, load_campaign
 from wil_campaign.orchestrator import installation
@@ -595,8 +594,12 @@ def slowed(campaign: Path, tick: str) -> Iterator[None]:
 def killed(campaign: Path, *options: str, when: Callable[[], object], all_at_once: bool) -> None:
     """Start the program, and kill it, or all of its processes."""
     command = [sys.executable, "-m", "wil_campaign", "run", str(campaign), "--jobs", "1"]
-    command += ["--out", str(campaign.parent / "out"), "--repetitions", "4", *options]
-    with ForkedPopen(command, cwd=ROOT, stdout=subprocess.DEVNULL) as running:
+    with subprocess.Popen(  # noqa: S603 - our own interpreter
+        [*command, "--out", str(campaign.parent / "out"), "--repetitions", "4", *options],
+        cwd=ROOT,
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+    ) as running:
         try:
             wait_for(when)
         except BaseException:

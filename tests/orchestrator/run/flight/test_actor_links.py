@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import socket
+from asyncio.subprocess import Process
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
@@ -12,7 +13,6 @@ from typing import Any
 
 import pytest
 
-from tests.forks import Forked
 from tests.orchestrator.sitl_programs import make_arducopter
 from tests.orchestrator.wall_runs import Landed, Program, lines, until
 from tests.ports import free_port
@@ -41,7 +41,7 @@ def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @asynccontextmanager
-async def vehicle(port: int, *, system_id: int, start: Start) -> AsyncIterator[Forked]:
+async def vehicle(port: int, *, system_id: int, start: Start) -> AsyncIterator[Process]:
     """A vehicle that is there before the program is, and after it."""
     settings = ProcessSettings(
         autopilot="px4",

@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from tests.faults.inspection import roles
 from tests.faults.relay import Position
 from tests.orchestrator.conftest import STEP, NoCommands
 from tests.orchestrator.wall_runs import (
@@ -52,9 +51,9 @@ def pid_of(folder: Path, event: str) -> int:
     return next(int(str(one["pid"])) for one in guard_of(folder) if one["event"] == event)
 
 
-def flight_of(program: Program) -> int:
-    """Return the process that flies the run."""
-    return roles(program.process.pid, program.runtime)["flight"].pid
+def parent_of(pid: int) -> int:
+    """Return the process that started another: of the guard, the one that flies the run."""
+    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
 
 
 @contextlib.asynccontextmanager
@@ -83,21 +82,25 @@ async def stopped_at_random(pids: list[int], seed: int) -> AsyncIterator[list[in
             await task
 
 
-async def landed_of(program: Program, seed: int) -> tuple[Landed, int]:
+async def landed_of(program: Program, mode: str, seed: int) -> tuple[Landed, int]:
     """Stop the processes of a run at random from its arming on; return how often, and its end."""
-    await program.stage("arm")
-    folder = program.run_folder()
+    await program.stage("arm", mode=mode)
+    folder = program.run_folder(mode)
     guard = pid_of(folder, "opened")
     vehicles = [int(str(one["pid"])) for one in guard_of(folder) if one["event"] == "started"]
-    async with stopped_at_random([flight_of(program), guard, *vehicles], seed) as stopped:
+    async with stopped_at_random([parent_of(guard), guard, *vehicles], seed) as stopped:
         landed = await program.end()
     return landed, len(stopped)
 
 
-async def test_processes_that_are_late_make_a_flight_slow_and_not_red(tmp_path: Path) -> None:
-    async with Program(tmp_path / "out", "--mode", "wil", *PACE, *SHORT, clock="scaled") as program:
-        landed, stops = await landed_of(program, seed=1)
-        journal = guard_of(program.run_folder())
+@pytest.mark.parametrize(("mode", "options"), [("sim", ()), ("wil", SHORT)])
+async def test_processes_that_are_late_make_a_flight_slow_and_not_red(
+    tmp_path: Path, mode: str, options: tuple[str, ...]
+) -> None:
+    arguments = ("--mode", mode, *PACE, *options)
+    async with Program(tmp_path / "out", *arguments, clock="scaled") as program:
+        landed, stops = await landed_of(program, mode, seed=1)
+        journal = guard_of(program.run_folder(mode))
     assert landed.code == 0, landed.why
     assert stops > 4
     (run,) = json.loads(landed.out)["runs"]
@@ -110,7 +113,7 @@ async def hanging(program: Program) -> tuple[Path, int]:
     """Have the process that flies a run hang; return the run's folder and the process."""
     await program.stage("goal", mode="sim")
     folder = program.run_folder("sim")
-    flight = flight_of(program)
+    flight = parent_of(pid_of(folder, "opened"))
     os.kill(flight, signal.SIGSTOP)
     return folder, flight
 

@@ -33,8 +33,7 @@ def kinds(log: Path) -> set[tuple[str, int]]:
 
 
 async def test_the_pair_flies_through_the_guards_process(tmp_path: Path) -> None:
-    given = ("--mode", "wil", "--json", *SHORT)
-    async with Program(tmp_path / "out", *given, starts=True) as program:
+    async with Program(tmp_path / "out", "--mode", "wil", "--json", *SHORT) as program:
         landed = await program.end()
         assert list((program.runtime / "wil-campaign").iterdir()) == []
     assert (landed.code, landed.err) == (0, ""), landed.why

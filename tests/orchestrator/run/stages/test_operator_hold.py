@@ -79,14 +79,14 @@ def test_a_hold_before_the_goal_only_delays_it(
         fly_run,
         stage,
         (after_s, "hold"),
-        (after_s + 5.0, "resume"),
+        (after_s + 12.0, "resume"),
         campaign=campaign,
         sets=(*BRIEF, "sync.max_takeoff_skew_s=9"),
         boots=stage == "ready",
     )
     assert (result.verdict, result.reason) == ("PASS", "")
     times = entered(folder)
-    resumed_s = times[stage] + after_s + 5.0
+    resumed_s = times[stage] + after_s + 12.0
     assert resumed_s < times["goal"] < resumed_s + 10.0
     assert all_landed(folder)
 
@@ -95,14 +95,14 @@ def test_a_hold_before_the_goal_only_delays_it(
 def test_a_hold_after_the_goal_proves_nothing_and_the_flight_goes_on(
     fly_run: Fly, campaign: str
 ) -> None:
-    script: list[tuple[float, OperatorKind]] = [(2.0, "hold"), (7.0, "resume")]
+    script: list[tuple[float, OperatorKind]] = [(2.0, "hold"), (12.0, "resume")]
     result, folder = fly_held(
-        fly_run, "goal", *script, campaign=campaign, sets=(*BRIEF, "autonomy.with.for_s=8")
+        fly_run, "goal", *script, campaign=campaign, sets=(*BRIEF, "autonomy.with.for_s=13")
     )
     assert result.verdict == "INVALID"
     assert result.reason == "held by anna after the goal was given: the flight proves nothing"
     times = entered(folder)
-    assert times["done"] > times["goal"] + 7.0
+    assert times["done"] > times["goal"] + 12.0
     assert all_landed(folder)
 
 
@@ -111,31 +111,31 @@ def test_nothing_of_the_flight_ends_it_while_it_is_held(fly_run: Fly) -> None:
         fly_run,
         "goal",
         (1.0, "hold"),
-        (9.0, "resume"),
+        (14.0, "resume"),
         sets=(*LONGER, "oracles.time_limit.limit_s=5"),
     )
     assert result.verdict == "INVALID"
     assert result.also[0].reason == "real was not done 5 s after its goal"
     times = entered(folder)
-    assert times["goal"] + 9.0 < times["land"] < times["goal"] + 9.5
+    assert times["goal"] + 14.0 < times["land"] < times["goal"] + 14.5
     assert all_landed(folder)
 
 
 def test_a_hold_while_landing_stops_it_in_the_air(fly_run: Fly) -> None:
-    result, folder = fly_held(fly_run, "land", (0.5, "hold"), (8.0, "resume"), sets=BRIEF)
+    result, folder = fly_held(fly_run, "land", (1.0, "hold"), (20.0, "resume"), sets=BRIEF)
     assert result.verdict == "INVALID"
     times = entered(folder)
-    assert times["landed"] > times["land"] + 8.0
+    assert times["landed"] > times["land"] + 20.0
     assert all_landed(folder)
 
 
 def test_the_operator_may_abort_during_a_hold(fly_run: Fly) -> None:
-    script: list[tuple[float, OperatorKind]] = [(2.0, "hold"), (4.0, "hold"), (6.0, "abort")]
+    script: list[tuple[float, OperatorKind]] = [(2.0, "hold"), (4.0, "hold"), (12.0, "abort")]
     result, folder = fly_held(fly_run, "takeoff", *script, sets=BRIEF)
     assert (result.verdict, result.reason) == ("ABORTED", "aborted by anna")
     said = [line["text"] for line in log_of(folder) if line["event"] == "guard"]
     assert "anna: hold: all vehicles hold already" in said
-    assert entered(folder)["landed"] > entered(folder)["takeoff"] + 6.0
+    assert entered(folder)["landed"] > entered(folder)["takeoff"] + 12.0
     assert all_landed(folder)
 
 

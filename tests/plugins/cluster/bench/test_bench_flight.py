@@ -3,6 +3,7 @@
 import json
 import os
 import socket
+import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -12,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.forks import ForkedPopen
 from tests.orchestrator.campaign.test_attached_run import await_datagram
 from tests.orchestrator.wall_runs import ROOT, stages
 from tests.plugins.cluster.bench.test_bench_engine import PLACE, write_bench, write_campaign
@@ -78,9 +78,10 @@ def vehicle_at(port: int) -> Iterator[None]:
     """Have an embedded vehicle, which runs, be the hardware of a bench, behind a socket."""
     link = f"udpout://127.0.0.1:{port}"
     settings = ProcessSettings(autopilot="px4", link=link, seed=1, running_s=60.0)
-    process = ForkedPopen(
+    process = subprocess.Popen(  # noqa: S603  # our own interpreter
         [sys.executable, "-m", "wil_campaign.vehicles.embedded", settings.model_dump_json()],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
+        start_new_session=True,
     )
     try:
         await_datagram(port)

@@ -13,9 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.forks import ROOT
 from tests.ports import free_port
-from tests.safety.guard.remote_rigs import RemoteFlight, guard_config, until
+from tests.safety.guard.remote_rigs import ROOT, RemoteFlight, guard_config, until
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
 from wil_campaign.safety.guard.process.guard_config import GuardConfig, GuardConfigError, Guarded
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard

@@ -17,9 +17,9 @@ from typing import Any
 import pytest
 from pymavlink import mavutil
 
-from tests.forks import ROOT
 from tests.safety.guard.remote_rigs import (
     LOST_S,
+    ROOT,
     SILENT_S,
     RemoteFlight,
     guard_config,

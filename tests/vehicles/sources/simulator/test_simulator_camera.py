@@ -14,7 +14,6 @@ import msgpack  # type: ignore[import-untyped]  # ships no types
 import numpy as np
 import pytest
 
-from tests.forks import ForkedPopen
 from tests.vehicles.sources.simulator.replier import Replier, Reply
 from wil_campaign.vehicles.cameras.rendered_cameras import ImageSource, OnDemandCamera
 from wil_campaign.vehicles.sources.simulator.shown_world import asked_world
@@ -40,12 +39,14 @@ WORLD_ASKED = asked_world(Scene((SMALL_GATE,)), world="gate", case="small")
 
 
 @pytest.fixture
-def reference() -> Iterator[tuple[str, ForkedPopen]]:
+def reference() -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
     command = [sys.executable, "-m", "wil_campaign.vehicles.sources.reference_simulator"]
     arguments = ["--world", str(WORLD), "--bind", "tcp://127.0.0.1:*"]
-    process = ForkedPopen([*command, *arguments], cwd=ROOT, stdout=subprocess.PIPE)
+    process = subprocess.Popen(  # noqa: S603 - our own program
+        [*command, *arguments], cwd=ROOT, stdout=subprocess.PIPE, text=True
+    )
     assert process.stdout is not None
-    yield process.stdout.readline().decode().strip(), process
+    yield process.stdout.readline().strip(), process
     process.kill()
     process.wait()
     process.stdout.close()
@@ -83,7 +84,7 @@ async def ask(source: ZmqImageSource) -> int:
 
 
 async def test_the_reference_simulator_draws_what_our_renderer_draws(
-    reference: tuple[str, ForkedPopen],
+    reference: tuple[str, "subprocess.Popen[str]"],
 ) -> None:
     renderer = Renderer(World.parse(load(WORLD)).scene("wil", "Wv"))
     pose = Pose.of(0.4, -0.2, 1.3, yaw_rad=0.1, pitch_rad=-0.05)
@@ -113,7 +114,7 @@ def as_source(source: ZmqImageSource) -> ImageSource:
 
 
 async def test_a_simulator_that_dies_is_a_clear_error_and_never_a_hang(
-    reference: tuple[str, ForkedPopen],
+    reference: tuple[str, "subprocess.Popen[str]"],
 ) -> None:
     address, process = reference
     async with ZmqImageSource(address=address, timeout_s=20.0, open_timeout_s=20.0) as source:
