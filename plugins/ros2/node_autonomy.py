@@ -109,6 +109,9 @@ class NodeAutonomy:
         self._is_done = False
         self._windows: dict[str, tuple[float, int, int]] = {}
         self._is_answered = True
+        self._has_left = False
+        """Whether a message that had to be answered found the node ended: then it is the same
+        message each time, and no matter of how fast a process ends."""
         self.reported_s = float("-inf")
         """Of which time the newest telemetry is that was published."""
         self.acted_s = float("-inf")
@@ -140,10 +143,10 @@ class NodeAutonomy:
             self._used = self._inbox.count()  # what came before the goal flies nothing
             self._fresh_s = telemetry.t_s
             self._windows = {name: self._window(name, telemetry.t_s) for name in self._windows}
-        if (ended := self.ended()) is not None:
+        if not self._rules.barrier and (ended := self.ended()) is not None:
             return ended
         self.report(telemetry)
-        if self._rules.barrier and (ended := self.ended()) is not None:
+        if self._has_left and (ended := self.ended()) is not None:
             return ended
         self._read_words()
         self._watch_needs(telemetry.t_s)
@@ -211,6 +214,8 @@ class NodeAutonomy:
             self._answer = answer
         elif self.ended() is None:
             raise AutonomyFault(self._unanswered(topic, stamp_ns))
+        else:
+            self._has_left = True
 
     def _await_end(self, topic: str) -> None:
         """Wait for the end of a node that no longer subscribes. Raises AutonomyFault if it stays.
@@ -223,6 +228,7 @@ class NodeAutonomy:
                 where = self._topics.name_of(topic)
                 raise AutonomyFault(f"no longer subscribes to {where}, and has not ended either")
             time.sleep(_LOOK_S)
+        self._has_left = True
 
     def _unanswered(self, topic: str, stamp_ns: int) -> str:
         newest = self._inbox.newest

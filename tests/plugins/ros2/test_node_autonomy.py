@@ -383,6 +383,17 @@ def test_a_node_that_ends_instead_of_answering_is_done_at_the_same_time() -> Non
     assert rig.act(10.0).done
 
 
+def test_the_end_of_a_node_is_noticed_at_the_next_message_that_it_has_to_answer() -> None:
+    """How fast its process ends after its last answer is a matter of the machine."""
+    rig = barrier_rig()
+    rig.wire.answer = lambda name, _: rig.send(10.0) if name == "/odom" else None
+    assert not rig.act(10.0).done
+    rig.node.exit_code = 0
+    rig.wire.answer = lambda *_: None
+    assert not rig.act(10.0).done  # of a time that was published already
+    assert rig.act(10.1).done
+
+
 def test_a_node_that_no_longer_subscribes_is_waited_for() -> None:
     rig = barrier_rig()
     rig.wire.subscribed.clear()

@@ -122,16 +122,21 @@ def test_a_signal_to_the_whole_group_lands_flying_vehicles(campaign: Path) -> No
 def test_other_signals_land_flying_vehicles(
     campaign: Path, capsys: pytest.CaptureFixture[str], number: signal.Signals
 ) -> None:
+    before = signal.signal(number, signal.SIG_DFL)  # what nohup has ignored stays ignored
+
     def send() -> None:
         wait_for_the_goal(campaign)
         for worker in multiprocessing.active_children():
             os.kill(worker.pid or 0, number)
         signal.pthread_kill(threading.main_thread().ident or 0, number)
 
-    with ThreadPoolExecutor(1) as pool:
-        sending = pool.submit(send)
-        assert main([*command(campaign)[3:], *ENDLESS]) == 130
-        sending.result()
+    try:
+        with ThreadPoolExecutor(1) as pool:
+            sending = pool.submit(send)
+            assert main([*command(campaign)[3:], *ENDLESS]) == 130
+            sending.result()
+    finally:
+        signal.signal(number, before)
     assert_aborted(campaign, number.name, capsys.readouterr().out)
 
 

@@ -85,7 +85,10 @@ async def test_an_act_that_always_takes_longer_than_its_period_is_too_slow_by_an
             while True:
                 await calls.act(act)
 
-        with pytest.raises(AutonomyFault, match=r"it is 0\.[3-9]\d s behind.*; act took 0\.1"):
+        with pytest.raises(
+            AutonomyFault,
+            match=r"it is 0\.[3-9]\d s behind.*; act (took|has not answered for) 0\.1",
+        ):
             await act_on()
         assert calls.act_times.count > 1
 
