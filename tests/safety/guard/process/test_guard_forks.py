@@ -35,13 +35,12 @@ async def serving(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[int]:
     client = ForkServer(os.dup(process.descriptor), vehicle_program())
     first = ChildProcess(argv=(*vehicle_program(), "no settings"))
     await first.start_by(client)
-    assert first.pid is not None
-    forked_by = psutil.Process(first.pid).ppid()
     await first.end()
     client.close()
-    assert forked_by != os.getpid()
+    assert process._child is not None
+    assert process._child.pid is not None
     inherit_vehicle_server(process.descriptor)
-    yield forked_by
+    yield process._child.pid
     await process.close()
 
 
