@@ -4,12 +4,9 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TypeVar
 
 from wil_campaign.safety.model.samples import PoseSample, ReferenceSample
 from wil_campaign.worlds.frames import Vec3, add, norm, scale, subtract
-
-T = TypeVar("T")
 
 SIGMAS = 5.0
 """The limit in standard deviations: two correct sources exceed it once in two million samples."""
@@ -287,17 +284,6 @@ class StandingStill:
     def _forget(self) -> None:
         self._then.clear()
         self._away_s.clear()
-
-
-def values_near(judged: deque[tuple[float, T]], t_s: float, within_s: float) -> list[T]:
-    """Return the judged values of times near a reference's, the newest first. judged: by time."""
-    near: list[T] = []
-    for at_s, value in reversed(judged):
-        if t_s - at_s > within_s:
-            break
-        if at_s - t_s <= within_s:
-            near.append(value)
-    return near
 
 
 def _on_an_axis(apart_m: Vec3) -> float:

@@ -4,12 +4,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 
-from wil_campaign.safety.evidence.agreement import (
-    SIGMAS,
-    Accuracy,
-    Disagreement,
-    values_near,
-)
+from wil_campaign.safety.evidence.agreement import SIGMAS, Accuracy, Disagreement
 from wil_campaign.safety.model.samples import HeadingSample, PoseSample, ReferenceSample
 from wil_campaign.worlds.frames import heading_of, wrap_pi
 
@@ -61,7 +56,10 @@ class HeadingAgreement:
         if other is None or reference.q_wxyz is None:
             return None
         heading_rad = heading_of(reference.q_wxyz)
-        turned = [wrap_pi(one - heading_rad) for one in values_near(self._judged, t_s, _STAMPS_S)]
+        # Their stamps may go back: a source that steps in time is compared all the same.
+        turned = [
+            wrap_pi(one - heading_rad) for at_s, one in self._judged if abs(at_s - t_s) <= _STAMPS_S
+        ]
         if not turned:
             return None
         nearest_rad = min(turned, key=abs)

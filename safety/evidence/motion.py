@@ -4,7 +4,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from wil_campaign.safety.evidence.agreement import SIGMAS, Accuracy, Disagreement, values_near
+from wil_campaign.safety.evidence.agreement import SIGMAS, Accuracy, Disagreement
 from wil_campaign.safety.evidence.flown_coverage import FlownCoverage
 from wil_campaign.safety.evidence.terms import SignalTerms
 from wil_campaign.safety.model.samples import GroundSpeedSample, PoseSample, ReferenceSample
@@ -216,7 +216,7 @@ class AttitudeCoverage(FlownCoverage):
         if other is None or reference.q_wxyz is None:
             return None
         axis = _down_axis(reference.q_wxyz)
-        near = values_near(self._judged, t_s, _STAMPS_S)
+        near = [one for at_s, one in self._judged if abs(at_s - t_s) <= _STAMPS_S]
         if not near:
             return None
         self._sources[reference.source] = None

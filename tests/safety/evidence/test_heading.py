@@ -8,6 +8,7 @@ import pytest
 from tests.safety.evidence.test_motion import ESTIMATE, terms
 from wil_campaign.safety.evidence.agreement import Accuracy
 from wil_campaign.safety.evidence.evidence import Evidence
+from wil_campaign.safety.evidence.heading import HeadingAgreement
 from wil_campaign.safety.evidence.terms import SignalTerms
 from wil_campaign.safety.model.oracle_results import EvidenceResult
 from wil_campaign.safety.model.samples import (
@@ -104,3 +105,15 @@ def test_heading_is_held_against_motion_capture_and_truth(turned_deg: float, ver
     (result,) = evidence.results()
     assert result.verdict == verdict
     assert ("from where mocap had it" in result.reason) == (verdict == "INVALID")
+
+
+def test_a_heading_is_compared_though_the_judged_stamps_went_back_since() -> None:
+    mocap = Accuracy(0.002, None, math.radians(0.5))
+    agreement = HeadingAgreement(Accuracy(1.0, 0.1, math.radians(2.0)), {"mocap": mocap})
+    turned = Pose.of(0.0, 0.0, -1.0, yaw_rad=math.radians(40.0)).q_wxyz
+    still = (0.0, 0.0, 0.0)
+    agreement.reference(ReferenceSample(2.0, "real", "mocap", (0.0, 0.0, -1.0), still, turned))
+    pose = Pose((0.0, 0.0, -1.0))
+    found = [agreement.pose(PoseSample(t_s, "real", pose, still)) for t_s in (2.0, 1.5, 2.3)]
+    assert found[:2] == [None, None]
+    assert found[2] is not None
