@@ -80,10 +80,7 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         if self._turns % _TURNS_BETWEEN_POLLS == 0:
             self._look_outside(0.0)
         if not callbacks:
-            if timers and not self.jobs_running and not timers[0][2]._cancelled:  # noqa: SLF001
-                self._now_s = max(self._now_s, timers[0][0])
-            else:
-                self._wait()
+            self._wait()
         end_s = self._now_s
         instant_s = end_s + _SAME_INSTANT_S
         while timers and timers[0][0] <= instant_s:

@@ -1,6 +1,4 @@
-"""Chooses the frames of one vehicle among all that have its ids; pure.
-
-Tells the frames of one sender from those of a second one with the same ids; pure.
+"""Chooses the frames of one vehicle among all that have its ids, by their sequence; pure.
 
 Every sender of MAVLink counts its frames on a link by one byte. Two of them behind one router, with
 one system and component id, give two sequences that interleave; lost, doubled and overtaken frames

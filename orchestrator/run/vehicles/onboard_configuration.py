@@ -2,7 +2,7 @@
 
 The onboard fence is the autopilot's own: the second line behind the guard's.
 
-Finds the log of a launched simulator in its folder, so that no download is needed.
+The log of a launched simulator is found in its folder, so that no download is needed.
 """
 
 import asyncio
