@@ -30,7 +30,10 @@ import cv2
 import numpy as np
 
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.foundation.processes.child import ChildProcess
+from wil_campaign.foundation.processes.feed_socket import feed_environment, feed_pair
+from wil_campaign.foundation.processes.fork_server import ForkServer
 from wil_campaign.orchestrator.run.flight.run import fly
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
@@ -48,10 +51,7 @@ from wil_campaign.vehicles.embedded.profile import load_profile
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.mavlink.codec import Codec
-from wil_campaign.vehicles.processes.child import ChildProcess
-from wil_campaign.vehicles.processes.feed_socket import feed_environment, feed_pair
-from wil_campaign.vehicles.processes.fork_server import ForkServer
-from wil_campaign.vehicles.processes.vehicle_server_process import (
+from wil_campaign.vehicles.vehicle_server_process import (
     VehicleServerProcess,
     vehicle_program,
 )

@@ -37,6 +37,7 @@ from tests.safety.guard.remote_rigs import (
     until,
     words,
 )
+from wil_campaign.foundation.tasks import start, stop
 from wil_campaign.orchestrator.operator.campaign_records import Place, places
 from wil_campaign.plugins.mqtt.broker_address import BrokerAddress
 from wil_campaign.plugins.mqtt.message_signing import signed_command
@@ -48,7 +49,6 @@ from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 from wil_campaign.vehicles.links.udp import UdpLink
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter
-from wil_campaign.vehicles.tasks import start, stop
 from wil_campaign.worlds.frames import Pose
 
 _STEP_S = 0.02

@@ -26,6 +26,8 @@ import numpy as np
 from mixing import POOL, RECIPE, wall
 from render import cage
 
+from wil_campaign.foundation.files.documents import load
+from wil_campaign.foundation.tasks import start, stop
 from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop
 from wil_campaign.orchestrator.run.perception.sensor_factory import in_thread
 from wil_campaign.orchestrator.state.mixtures import MixedFrame
@@ -39,9 +41,7 @@ from wil_campaign.vehicles.poses.pose_history import PoseHistory
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.vehicles.sensors.lens import ThroughLens
 from wil_campaign.vehicles.sensors.world_views import WorldImages
-from wil_campaign.vehicles.tasks import start, stop
 from wil_campaign.worlds.camera import CameraMount, Intrinsics
-from wil_campaign.worlds.files.documents import load
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.scene import Scene
 from wil_campaign.worlds.world_file.world import World

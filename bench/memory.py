@@ -18,6 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from wil_campaign.foundation.files.documents import parse
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.vehicles.readings import (
@@ -31,7 +32,6 @@ from wil_campaign.vehicles.readings import (
     Source,
 )
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.files.documents import parse
 from wil_campaign.worlds.frames import Pose
 
 WANTED_PERCENT = 2.0

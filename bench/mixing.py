@@ -14,11 +14,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from wil_campaign.foundation.files.documents import load
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, Source
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.files.documents import load
 
 RECIPE = Path(__file__).parents[1] / "recipes" / "gate.yaml"
 SIZES = ((640, 480), (1280, 720), (1920, 1080))

@@ -17,7 +17,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.sleeping import sleep_until
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.foundation.files.documents import parse
 from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop, RegistrationError
 from wil_campaign.orchestrator.run.perception.registration_error import (
     box_corners,
@@ -26,12 +28,10 @@ from wil_campaign.orchestrator.run.perception.registration_error import (
 from wil_campaign.orchestrator.state.mixtures import MixedFrame
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.pipeline.pipeline import compile_recipe
-from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
 from wil_campaign.vehicles.readings import CameraReading, Reading
 from wil_campaign.vehicles.sensors.world_views import WorldImages
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.files.documents import parse
 from wil_campaign.worlds.frames import Pose, Vec3
 from wil_campaign.worlds.scene import shapes
 from wil_campaign.worlds.scene.scene import Scene, SceneObject

@@ -16,7 +16,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from tests.vehicles.embedded.fidelity.step_flight import PROFILES
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.plugins.step_response.flight import SETPOINT_HZ, StepFlight
 from wil_campaign.plugins.step_response.segments import HEIGHT_M
 from wil_campaign.safety.fence.stopping import (

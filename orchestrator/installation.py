@@ -63,7 +63,8 @@ def flown_program() -> str:
 @cache
 def code_digest() -> str:
     """Return a digest of the program's code: the same in a checkout and in a wheel of it."""
-    files = {path.relative_to(_PACKAGE): path for path in _PACKAGE.glob("*.py")}
+    own = [*_PACKAGE.glob("*.py"), *(_PACKAGE / "foundation").rglob("*.py")]
+    files = {path.relative_to(_PACKAGE): path for path in own}
     for folder in _FOLDERS:
         files |= {path.relative_to(_HOME): path for path in (_HOME / folder).rglob("*.py")}
     digest = hashlib.sha256()

@@ -72,7 +72,7 @@ FAST = (
     "vehicles/sensors",
     "vehicles/test_faults.py",
     "vehicles/test_telemetry_fit.py",
-    "worlds/files",
+    "wil_campaign/foundation/files",
     "worlds/rays",
     "worlds/render",
     "worlds/scene",
@@ -143,7 +143,7 @@ WALL = (
     "vehicles/launch",
     "vehicles/links/test_flapping.py",
     "plugins/mavsdk",
-    "vehicles/processes/test_other_systems.py",
+    "wil_campaign/foundation/processes/test_other_systems.py",
     "vehicles/sources/readings/test_zmq_readings.py",
     "vehicles/sources/test_streams.py",
 )

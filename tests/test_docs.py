@@ -14,6 +14,8 @@ from pydantic import BaseModel
 import wil_campaign.api
 from docs import generate
 from tests.recipes.samples import camera, plain
+from wil_campaign.foundation.files import limits
+from wil_campaign.foundation.files.documents import BadInput, parse
 from wil_campaign.orchestrator.cli import all_commands
 from wil_campaign.orchestrator.recording.trajectory import COLUMNS
 from wil_campaign.plugins.paper_xml.paper_xml import parse_paper_xml
@@ -22,8 +24,6 @@ from wil_campaign.recipes.model.recipe import Recipe
 from wil_campaign.recipes.model.registry import STAGES, StepType, steps
 from wil_campaign.recipes.pipeline.pipeline import compile_recipe
 from wil_campaign.vehicles.embedded.profile import Profile
-from wil_campaign.worlds.files import limits
-from wil_campaign.worlds.files.documents import BadInput, parse
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

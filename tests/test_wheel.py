@@ -66,6 +66,8 @@ def small_checkout(root: Path) -> None:
     for name in ("__init__.py", "__main__.py", "api.py", "py.typed"):
         (root / "wil_campaign").mkdir(exist_ok=True)
         shutil.copy(ROOT / "wil_campaign" / name, root / "wil_campaign" / name)
+    (root / "wil_campaign" / "foundation").mkdir()
+    (root / "wil_campaign" / "foundation" / "__init__.py").touch()
     for folder in FOLDERS:
         (root / folder).mkdir()
         (root / folder / "__init__.py").touch()
@@ -87,7 +89,7 @@ def test_an_sdist_hands_its_commit_on_and_results_of_flights_stay_at_home(tmp_pa
     for place in (root, again):
         wheel = build(place, "wheel", tmp_path / place.name)
         own = {f"wil_campaign/{name}" for name in ("__main__.py", "api.py", "py.typed", "COMMIT")}
-        packages = {f"wil_campaign/{folder}/__init__.py" for folder in FOLDERS}
+        packages = {f"wil_campaign/{folder}/__init__.py" for folder in (*FOLDERS, "foundation")}
         assert names_in(wheel) == own | packages | {"wil_campaign/__init__.py"}
         with zipfile.ZipFile(wheel) as archive:
             assert archive.read("wil_campaign/COMMIT") == b"0" * 40

@@ -13,10 +13,10 @@ import socket
 import sys
 from pathlib import Path
 
+from wil_campaign.foundation.processes.fork_server import serve
 from wil_campaign.vehicles.embedded.control.law import load_kernels
 from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate
 from wil_campaign.vehicles.embedded.process.embedded_process import main as fly
-from wil_campaign.vehicles.processes.fork_server import serve
 from wil_campaign.worlds.jit import is_cached
 
 _WORDS = 4

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
+    from wil_campaign.foundation.files.documents import BadInput, Problem
     from wil_campaign.orchestrator.api.campaign_results import CampaignResults, read_results
     from wil_campaign.orchestrator.api.flying import CannotFlyError, run, run_async
     from wil_campaign.orchestrator.api.loading import judge, load, plan, validate
@@ -52,7 +53,6 @@ if TYPE_CHECKING:
     from wil_campaign.plugins.statistics.study import Study
     from wil_campaign.recipes.working import StepError
     from wil_campaign.safety.model.oracle_results import OracleResult
-    from wil_campaign.worlds.files.documents import BadInput, Problem
 
 __all__ = [
     "BadInput",
@@ -136,7 +136,7 @@ _MODULES = {
     "plugins.statistics.study": ("Study",),
     "recipes.working": ("StepError",),
     "safety.model.oracle_results": ("OracleResult",),
-    "worlds.files.documents": ("BadInput", "Problem"),
+    "foundation.files.documents": ("BadInput", "Problem"),
 }
 """Where the names above are. A name is imported when it is first used: this module is imported
 before every other one of the program, and by every autonomy."""

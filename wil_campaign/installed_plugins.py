@@ -226,7 +226,7 @@ def _words(error: Exception) -> str:
 
 def _fault(plugin: str, origin: str, message: str) -> Exception:
     """Return the error that a plugin cannot be used: BadInput."""
-    from wil_campaign.worlds.files.problems import BadInput, Problem  # noqa: PLC0415 - seldom used
+    from wil_campaign.foundation.files.problems import BadInput, Problem  # noqa: PLC0415 - seldom used
 
     remedy = "mend it, or uninstall it"
     return BadInput([Problem(f"plugin {plugin} ({origin})", 0, 0, f"{message}; {remedy}")])

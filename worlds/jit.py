@@ -25,7 +25,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.worlds.files.own_folders import fault_of_folder, home_folder
+from wil_campaign.foundation.files.own_folders import fault_of_folder, home_folder
 
 F64 = NDArray[np.float64]
 Int = Any

@@ -13,8 +13,8 @@ from typing import get_args
 import cv2
 import numpy as np
 
+from wil_campaign.foundation.files.documents import BadInput, load
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.files.documents import BadInput, load
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer, RenderOutput
 from wil_campaign.worlds.scene.motion import MOMENTS

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.case_setup import Setup
-from wil_campaign.worlds.files.documents import Document, Problem
+from wil_campaign.foundation.files.documents import Document, Problem
 
 
 def estimated_actors(

@@ -21,10 +21,10 @@ from types import ModuleType
 
 from wil_campaign.campaigns.setup.autonomy_under_test import UnderTest
 from wil_campaign.campaigns.values.references import BadReferenceError
-from wil_campaign.vehicles.process_memory import limited_allocation
-from wil_campaign.vehicles.processes.linux import processor_wait_s
-from wil_campaign.worlds.files.documents import Document, Path, Problem, closest
-from wil_campaign.worlds.files.user_modules import keep_user_files, user_files
+from wil_campaign.foundation.files.documents import Document, Path, Problem, closest
+from wil_campaign.foundation.files.user_modules import keep_user_files, user_files
+from wil_campaign.foundation.processes.linux import processor_wait_s
+from wil_campaign.foundation.processes.process_memory import limited_allocation
 
 _OF_A_KEY = ("__getitem__", "__contains__", "get", "pop", "setdefault")
 _OF_ALL = (

@@ -16,6 +16,7 @@ from wil_campaign.campaigns.schema import Mode, VehicleName
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import FLIES, Setup
 from wil_campaign.campaigns.setup.vehicle_setups import unused_settings
+from wil_campaign.foundation.files.documents import BadInput, Document, Path, Problem
 from wil_campaign.safety.evaluation.judge import OracleUse
 from wil_campaign.safety.fence.areas import Area, Polygon
 from wil_campaign.safety.fence.fence_files import fence_warnings
@@ -26,7 +27,6 @@ from wil_campaign.safety.oracles.oracle_terms import Window, Windowed
 from wil_campaign.safety.oracles.reached import ReachedParameters
 from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.vehicles.embedded.profile import ProfileError, load_profile
-from wil_campaign.worlds.files.documents import BadInput, Document, Path, Problem
 from wil_campaign.worlds.frames import norm, subtract
 from wil_campaign.worlds.scene.motion import StartOn
 from wil_campaign.worlds.scene.scene import Scene

@@ -15,13 +15,13 @@ from wil_campaign.campaigns.setup.actor_setups import ActorSetup
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import FLIES, Setup
 from wil_campaign.campaigns.setup.encounters import encounters
+from wil_campaign.foundation.files.documents import Document, Path, Problem, closest
+from wil_campaign.foundation.files.documents import Path as KeyPath
 from wil_campaign.safety.evaluation.judge import OracleUse, build_oracles
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError
 from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.worlds.figures import distinct_text
-from wil_campaign.worlds.files.documents import Document, Path, Problem, closest
-from wil_campaign.worlds.files.documents import Path as KeyPath
 from wil_campaign.worlds.frames import Vec3
 from wil_campaign.worlds.world_file.world import World
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import Setup
-from wil_campaign.worlds.files.documents import Problem
+from wil_campaign.foundation.files.documents import Problem
 
 
 def external_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:

@@ -9,8 +9,8 @@ import wil_campaign
 from wil_campaign import api
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import Setup
-from wil_campaign.worlds.files.problems import Problem
-from wil_campaign.worlds.files.user_modules import user_files
+from wil_campaign.foundation.files.problems import Problem
+from wil_campaign.foundation.files.user_modules import user_files
 
 _PUBLIC = {module.__name__: frozenset(module.__all__) for module in (api, wil_campaign)}
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import get_args
 
 from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.foundation.files.documents import Document, Path, Problem
 from wil_campaign.safety.fence.fence_schema import FencePart
 from wil_campaign.safety.oracles.area import AltitudeParameters, AreaParameters
 from wil_campaign.safety.oracles.autopilot_health import (
@@ -14,7 +15,6 @@ from wil_campaign.safety.oracles.autopilot_health import (
 )
 from wil_campaign.safety.oracles.motion import AttitudeParameters
 from wil_campaign.safety.oracles.vehicle_health import LinkParameters
-from wil_campaign.worlds.files.documents import Document, Path, Problem
 from wil_campaign.worlds.scene.scene import Scene
 
 _STEEPEST_DEG = {"max_tilt_deg": 180.0, "max_roll_deg": 180.0, "max_pitch_deg": 90.0}

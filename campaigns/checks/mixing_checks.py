@@ -7,11 +7,11 @@ from wil_campaign.campaigns.setup.blank_readings import blank_reading
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import Setup, VehicleSetup
 from wil_campaign.campaigns.values.sensor_setups import SensorSetup
+from wil_campaign.foundation.files.documents import Document, Path, Problem, closest
 from wil_campaign.recipes.model.recipe import Combination, Recipe
 from wil_campaign.recipes.pipeline.shape_check import shape_mismatch
 from wil_campaign.recipes.working import SIDES, Side
 from wil_campaign.vehicles.readings import CameraReading, DepthReading, LidarScanReading, Reading
-from wil_campaign.worlds.files.documents import Document, Path, Problem, closest
 
 _SLACK = 1.001
 """Tolerance for rates that are typed with few digits."""

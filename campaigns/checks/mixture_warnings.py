@@ -6,9 +6,9 @@ from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import Setup
 from wil_campaign.campaigns.setup.named_objects import named_objects
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
+from wil_campaign.foundation.files.documents import Document, Problem
 from wil_campaign.recipes.model.recipe import Combination
 from wil_campaign.recipes.visibility.model import SHOWING_KINDS
-from wil_campaign.worlds.files.documents import Document, Problem
 from wil_campaign.worlds.scene.scene import virtual_only
 
 _WIDE_SHARE = 0.05

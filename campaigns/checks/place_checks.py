@@ -7,10 +7,10 @@ from typing import Literal
 from wil_campaign.campaigns.schema import Mode, VehicleName
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import Setup, VehicleSetup
+from wil_campaign.foundation.files.documents import Path, Problem
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.worlds.clearance.clearance import ClearanceProbe
 from wil_campaign.worlds.figures import distinct_text
-from wil_campaign.worlds.files.documents import Path, Problem
 from wil_campaign.worlds.frames import Vec3
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 

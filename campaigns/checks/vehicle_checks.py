@@ -7,11 +7,11 @@ from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import FLIES, Setup, VehicleSetup
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
 from wil_campaign.campaigns.values.sensor_setups import options_of
+from wil_campaign.foundation.files.documents import Problem
 from wil_campaign.hooks import drivers
 from wil_campaign.installed_plugins import added
 from wil_campaign.vehicles.launch.px4 import Px4Launch
 from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions
-from wil_campaign.worlds.files.documents import Problem
 
 
 def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:

@@ -34,6 +34,7 @@ from wil_campaign.campaigns.setup.observer_setups import observer_setups
 from wil_campaign.campaigns.setup.oracle_uses import oracle_uses
 from wil_campaign.campaigns.setup.vehicle_fences import Drawing, fences_of
 from wil_campaign.campaigns.setup.vehicle_setups import vehicle_setups
+from wil_campaign.foundation.files.documents import BadInput, Document, Problem, check
 from wil_campaign.hooks import autonomy_kinds
 from wil_campaign.installed_plugins import added, load
 from wil_campaign.recipes.language.recipe_document import load_recipe
@@ -41,7 +42,6 @@ from wil_campaign.safety.evaluation.judge import OracleUse
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.oracles.goal import TimeLimitParameters
 from wil_campaign.vehicles.coupling import LIMITS_M
-from wil_campaign.worlds.files.documents import BadInput, Document, Problem, check
 from wil_campaign.worlds.geodesy import LocalFrame
 from wil_campaign.worlds.world_file.world import World
 

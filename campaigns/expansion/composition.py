@@ -13,10 +13,17 @@ from typing import TYPE_CHECKING
 from wil_campaign.campaigns.expansion.case_reader import unique
 from wil_campaign.campaigns.expansion.omissions import set_texts
 from wil_campaign.campaigns.schema.composition import CompositionPart
+from wil_campaign.foundation.files.documents import (
+    BadInput,
+    Document,
+    Problem,
+    check,
+    closest,
+    load,
+)
+from wil_campaign.foundation.files.paths import is_file, is_folder
 from wil_campaign.hooks import operator_channels
 from wil_campaign.installed_plugins import added
-from wil_campaign.worlds.files.documents import BadInput, Document, Problem, check, closest, load
-from wil_campaign.worlds.files.paths import is_file, is_folder
 
 if TYPE_CHECKING:
     from wil_campaign.campaigns.expansion.expansion import Campaign, Options, RunPlan

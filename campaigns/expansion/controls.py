@@ -12,8 +12,8 @@ from wil_campaign.campaigns.setup.case_files import CaseFiles, case_files
 from wil_campaign.campaigns.setup.case_setup import Setup
 from wil_campaign.campaigns.setup.overrides import Override, overrides_at, overrides_of_case
 from wil_campaign.campaigns.values.expectation import Expectation
+from wil_campaign.foundation.files.documents import Document, Problem, closest
 from wil_campaign.safety.evaluation.judge import ALWAYS_JUDGED
-from wil_campaign.worlds.files.documents import Document, Problem, closest
 
 _IN_ANY_REASON = frozenset(
     {"all", "and", "are", "for", "from", "has", "its", "more", "not", "than", "that", "the"}

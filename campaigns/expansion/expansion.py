@@ -33,7 +33,7 @@ from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
 from wil_campaign.campaigns.values.acceptance import Requirement, Share
 from wil_campaign.campaigns.values.expectation import Expectation
 from wil_campaign.campaigns.values.seeds import run_seed
-from wil_campaign.worlds.files.documents import (
+from wil_campaign.foundation.files.documents import (
     BadInput,
     Document,
     Problem,
@@ -42,7 +42,7 @@ from wil_campaign.worlds.files.documents import (
     load,
     parse_value,
 )
-from wil_campaign.worlds.files.paths import is_file
+from wil_campaign.foundation.files.paths import is_file
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,8 +10,8 @@ from wil_campaign.campaigns.schema import CampaignPart, campaign_model
 from wil_campaign.campaigns.schema.composition import CompositionPart
 from wil_campaign.campaigns.setup.overrides import override_from_option
 from wil_campaign.campaigns.values.acceptance import DECIDED, Share, parse_share
-from wil_campaign.worlds.files.documents import Document, check
-from wil_campaign.worlds.files.yaml_nodes import mapping_node
+from wil_campaign.foundation.files.documents import Document, check
+from wil_campaign.foundation.files.yaml_nodes import mapping_node
 
 _REQUIRING = ("modes", "cases", "controls", "repetitions", "oracles", "accept")
 """Keys of a campaign file that say what it requires."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from wil_campaign.campaigns.schema import CampaignPart
 from wil_campaign.campaigns.values.acceptance import DECIDED, Share, parse_share
-from wil_campaign.worlds.files.documents import Document, Problem, closest
+from wil_campaign.foundation.files.documents import Document, Problem, closest
 
 
 def unknown_published(base: Document, part: CampaignPart) -> Iterator[Problem]:

@@ -13,10 +13,10 @@ from wil_campaign.campaigns.schema.vehicles import (
     Text,
     vehicle_link,
 )
+from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.safety.fence.fence_schema import FencePart
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.embedded.physics.config import Physics
-from wil_campaign.worlds.files.documents import KeyFaultError, Part
 
 ActorPoses = Literal["simulator", "mavlink"]
 

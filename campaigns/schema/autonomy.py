@@ -11,9 +11,9 @@ from wil_campaign.campaigns.values.autonomy_limits import (
     LONGEST_CALL_S,
     AutonomyLimits,
 )
+from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.hooks import autonomy_kinds
 from wil_campaign.installed_plugins import absent, added, load
-from wil_campaign.worlds.files.documents import KeyFaultError, Part
 
 _DEFAULT = AutonomyLimits()
 

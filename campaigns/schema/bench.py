@@ -10,7 +10,7 @@ from pydantic import Field, StringConstraints, model_validator
 
 from wil_campaign.campaigns.schema.fence import GeofencePart
 from wil_campaign.campaigns.schema.vehicles import VehiclePart
-from wil_campaign.worlds.files.documents import KeyFaultError, Part
+from wil_campaign.foundation.files.documents import KeyFaultError, Part
 
 BenchName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
 """A name that is part of a cluster resource's name, and of file names."""

@@ -4,7 +4,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from wil_campaign.worlds.files.documents import KeyFaultError, Part
+from wil_campaign.foundation.files.documents import KeyFaultError, Part
 
 
 class BetweenRunsPart(Part):

@@ -5,9 +5,9 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from wil_campaign.campaigns.schema.sensors import Distortion, Focal, Pixels
+from wil_campaign.foundation.files.documents import Document, Part, check
 from wil_campaign.vehicles.sensors.sensor_spec import MountPart
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.files.documents import Document, Part, check
 
 
 class OpticsPart(Part):

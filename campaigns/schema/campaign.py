@@ -29,9 +29,9 @@ from wil_campaign.campaigns.schema.vehicles import Speedup, VehiclesPart
 from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
 from wil_campaign.campaigns.values.acceptance import DECIDED, parse_share
 from wil_campaign.campaigns.values.wanted_firmware import FIRMWARE, check_version, names_versions
+from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.hooks import campaign_keys, run_observers
 from wil_campaign.installed_plugins import absent, added, load
-from wil_campaign.worlds.files.documents import KeyFaultError, Part
 
 Mode = Literal["sim", "wil", "real"]
 Takeoff = Literal["liftoff", "command"]

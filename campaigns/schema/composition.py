@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from wil_campaign.campaigns.schema.campaign import Mode, PublishedPart, SafeName
-from wil_campaign.worlds.files.documents import Part
+from wil_campaign.foundation.files.documents import Part
 
 FileName = Annotated[str, Field(min_length=1)]
 

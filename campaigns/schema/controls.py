@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, JsonValue, model_validator
 
 from wil_campaign.campaigns.values.expectation import ControlVerdict
-from wil_campaign.worlds.files.documents import KeyFaultError, Part
+from wil_campaign.foundation.files.documents import KeyFaultError, Part
 
 FlownMode = Literal["sim", "wil", "real"]
 

@@ -5,8 +5,8 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from wil_campaign.campaigns.schema.links import Duration, FlightStage
+from wil_campaign.foundation.files.documents import Part
 from wil_campaign.vehicles.faults import LATEST_S
-from wil_campaign.worlds.files.documents import Part
 
 
 class MomentPart(Part):

@@ -19,10 +19,10 @@ from pydantic_core import core_schema
 from wil_campaign.campaigns.schema.bench import BenchPart
 from wil_campaign.campaigns.schema.campaign import campaign_model
 from wil_campaign.campaigns.schema.composition import CompositionPart
+from wil_campaign.foundation.files.problems import unit_of
 from wil_campaign.recipes.language.recipe_document import CombinePart, RecipePart
 from wil_campaign.recipes.model.registry import OWN_STEP, STAGES, Stage, steps
 from wil_campaign.safety.oracles.registry import oracle_kinds
-from wil_campaign.worlds.files.problems import unit_of
 from wil_campaign.worlds.world_file.world_schema import WorldModel
 
 DIALECT = GenerateJsonSchema.schema_dialect

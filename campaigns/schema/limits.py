@@ -4,8 +4,8 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
+from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.safety.guard.core.setpoint_limits import SetpointLimits
-from wil_campaign.worlds.files.documents import KeyFaultError, Part
 
 Range = Annotated[list[float], Field(min_length=2, max_length=2)]
 

@@ -4,9 +4,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.vehicles.faults import LATEST_S, LONGEST_S
 from wil_campaign.vehicles.links.impairment import Bursts, Impairment, LinkOutage
-from wil_campaign.worlds.files.documents import KeyFaultError, Part
 
 Chance = Annotated[float, Field(ge=0, le=1)]
 Milliseconds = Annotated[float, Field(ge=0, le=60_000)]

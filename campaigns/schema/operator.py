@@ -6,10 +6,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, JsonValue, create_model
 
+from wil_campaign.foundation.files.documents import Document, Part, Problem
 from wil_campaign.hooks import operator_channels
 from wil_campaign.installed_plugins import absent, added, load
 from wil_campaign.vehicles.links.link_strings import LinkAddressError, parse_link
-from wil_campaign.worlds.files.documents import Document, Part, Problem
 
 
 def _is_link(link: str) -> str:

@@ -4,8 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from wil_campaign.foundation.files.documents import Part
 from wil_campaign.safety.preflight import Check
-from wil_campaign.worlds.files.documents import Part
 
 
 class OwnFencePart(Part):

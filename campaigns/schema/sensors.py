@@ -10,11 +10,11 @@ from pydantic import AfterValidator, Field, create_model, model_validator
 
 from wil_campaign.campaigns.schema.sources import CarriedPart, SourcedPart, SourcePart
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
+from wil_campaign.foundation.files.documents import KeyFaultError, Later
 from wil_campaign.vehicles.readings.kinds import sensor_specs
 from wil_campaign.vehicles.sensors.lens import lens_fault
 from wil_campaign.vehicles.sensors.sensor_spec import MountPart, SensorSpec
 from wil_campaign.worlds.camera import CameraMount, Intrinsics
-from wil_campaign.worlds.files.documents import KeyFaultError, Later
 
 Pixels = Annotated[int, Field(ge=16, le=8192)]
 Rate = Annotated[float, Field(gt=0, le=1000)]

@@ -16,12 +16,12 @@ from wil_campaign.campaigns.values.external_setups import (
     SourceSetup,
 )
 from wil_campaign.campaigns.values.sensor_setups import OtherSetup, SensorSetup
+from wil_campaign.foundation.files.documents import KeyFaultError, Part
+from wil_campaign.foundation.files.paths import exists, is_folder
 from wil_campaign.hooks import sources
 from wil_campaign.installed_plugins import added, load
 from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions
 from wil_campaign.vehicles.sources.readings.mavlink_messages import MESSAGES
-from wil_campaign.worlds.files.documents import KeyFaultError, Part
-from wil_campaign.worlds.files.paths import exists, is_folder
 
 Milliseconds = Annotated[float, Field(ge=0, le=10_000)]
 Seconds = Annotated[float, Field(gt=0, le=600)]

@@ -9,6 +9,7 @@ from pydantic_core import PydanticKnownError
 from wil_campaign.campaigns.schema.sensors import SensorPart
 from wil_campaign.campaigns.schema.sources import MocapPart
 from wil_campaign.campaigns.values.external_setups import PoseAccuracy, PoseSource
+from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.hooks import drivers
 from wil_campaign.installed_plugins import absent, added
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
@@ -16,7 +17,6 @@ from wil_campaign.vehicles.command_backends import OWN_FRAMES
 from wil_campaign.vehicles.coupling import Coupling
 from wil_campaign.vehicles.embedded.physics.config import Physics
 from wil_campaign.vehicles.links.link_strings import LinkAddressError, parse_link
-from wil_campaign.worlds.files.documents import KeyFaultError, Part
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.parts import BoxShape
 

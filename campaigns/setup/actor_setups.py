@@ -14,10 +14,10 @@ from wil_campaign.campaigns.setup.vehicle_setups import (
     rates_of,
     unknown_parameters,
 )
+from wil_campaign.foundation.files.documents import Document, Problem, closest
+from wil_campaign.foundation.files.documents import Path as KeyPath
 from wil_campaign.safety.fence.areas import FenceError
 from wil_campaign.safety.fence.geofence import Fence, require_few_corners
-from wil_campaign.worlds.files.documents import Document, Problem, closest
-from wil_campaign.worlds.files.documents import Path as KeyPath
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.geodesy import LocalFrame
 from wil_campaign.worlds.scene.motion import Motion

@@ -11,10 +11,10 @@ from typing import cast
 
 from wil_campaign.campaigns.values.autonomy_limits import AutonomyLimits
 from wil_campaign.campaigns.values.references import BadReferenceError, is_reference, load_reference
+from wil_campaign.foundation.files.documents import Document, Problem, closest
 from wil_campaign.hooks import autonomy_kinds
 from wil_campaign.installed_plugins import added
 from wil_campaign.vehicles.autonomy import Autonomy, AutonomyFactory
-from wil_campaign.worlds.files.documents import Document, Problem, closest
 
 _METHODS = ("perceive", "act")
 

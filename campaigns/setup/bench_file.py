@@ -9,8 +9,8 @@ from wil_campaign.campaigns.schema.vehicles import VehiclesPart
 from wil_campaign.campaigns.setup.case_files import fence_files
 from wil_campaign.campaigns.setup.vehicle_fences import Drawing, fences_of
 from wil_campaign.campaigns.setup.vehicle_setups import VehicleSetup, vehicle_setups
-from wil_campaign.worlds.files.documents import BadInput, Document, Problem, check, load
-from wil_campaign.worlds.files.problems import printable
+from wil_campaign.foundation.files.documents import BadInput, Document, Problem, check, load
+from wil_campaign.foundation.files.problems import printable
 
 
 @dataclass(frozen=True, slots=True)

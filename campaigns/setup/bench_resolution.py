@@ -11,11 +11,18 @@ from pathlib import Path
 
 from wil_campaign.campaigns.schema.bench import BenchRequestPart, PropertyValue
 from wil_campaign.campaigns.setup.bench_file import Bench, BenchFacts, in_file
-from wil_campaign.worlds.files.documents import BadInput, Document, Entry, Problem, check, closest
-from wil_campaign.worlds.files.documents import Path as KeyPath
-from wil_campaign.worlds.files.paths import expanded
-from wil_campaign.worlds.files.problems import printable
-from wil_campaign.worlds.files.yaml_nodes import Data, Node, mapping_node, plain
+from wil_campaign.foundation.files.documents import (
+    BadInput,
+    Document,
+    Entry,
+    Problem,
+    check,
+    closest,
+)
+from wil_campaign.foundation.files.documents import Path as KeyPath
+from wil_campaign.foundation.files.paths import expanded
+from wil_campaign.foundation.files.problems import printable
+from wil_campaign.foundation.files.yaml_nodes import Data, Node, mapping_node, plain
 
 BENCH: KeyPath = ("bench",)
 _TAKEN: tuple[KeyPath, ...] = (("vehicles", "real"), ("geofence",))

@@ -6,9 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from wil_campaign.campaigns.setup.overrides import OVERRIDDEN_FILES, Override, apply_overrides
-from wil_campaign.recipes.language.recipe_files import load_recipe_document
-from wil_campaign.safety.fence.fence_files import load_fence_file
-from wil_campaign.worlds.files.documents import (
+from wil_campaign.foundation.files.documents import (
     BadInput,
     Data,
     Document,
@@ -17,8 +15,10 @@ from wil_campaign.worlds.files.documents import (
     load,
     parse_value,
 )
-from wil_campaign.worlds.files.documents import Path as DocumentPath
-from wil_campaign.worlds.files.paths import exists, is_folder
+from wil_campaign.foundation.files.documents import Path as DocumentPath
+from wil_campaign.foundation.files.paths import exists, is_folder
+from wil_campaign.recipes.language.recipe_files import load_recipe_document
+from wil_campaign.safety.fence.fence_files import load_fence_file
 
 _SUFFIXES = frozenset({".yaml", ".yml", ".plan", ".waypoints", ".json", ".geojson", ".xml"})
 """Of files that a campaign may name."""

@@ -11,6 +11,7 @@ from wil_campaign.campaigns.setup.link_setups import LinkSetup
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup, VehicleSetup
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, SensorSetup
 from wil_campaign.campaigns.values.signal_faults import SignalFault
+from wil_campaign.foundation.files.documents import Path, Problem
 from wil_campaign.recipes.model.recipe import Recipe
 from wil_campaign.safety.evaluation.judge import OracleUse
 from wil_campaign.safety.fence.geofence import Fence
@@ -18,7 +19,6 @@ from wil_campaign.safety.guard.core.events import GuardSettings
 from wil_campaign.safety.guard.core.setpoint_limits import SetpointLimits
 from wil_campaign.vehicles.command_backends import OWN_FRAMES
 from wil_campaign.vehicles.coupling import LIMITS_M
-from wil_campaign.worlds.files.documents import Path, Problem
 from wil_campaign.worlds.frames import Vec3
 from wil_campaign.worlds.world_file.world import World
 

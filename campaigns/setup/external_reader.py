@@ -8,10 +8,10 @@ from wil_campaign.campaigns.schema import CameraPart, VehicleName, VehiclePart
 from wil_campaign.campaigns.schema.calibration import CalibrationPart, read_calibration
 from wil_campaign.campaigns.schema.sources import SourcedPart
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, OtherSetup, SensorSetup
+from wil_campaign.foundation.files.documents import BadInput, Document, KeyFaultError, Problem, load
+from wil_campaign.foundation.files.documents import Path as KeyPath
+from wil_campaign.foundation.files.paths import exists
 from wil_campaign.worlds.camera import CameraMount
-from wil_campaign.worlds.files.documents import BadInput, Document, KeyFaultError, Problem, load
-from wil_campaign.worlds.files.documents import Path as KeyPath
-from wil_campaign.worlds.files.paths import exists
 
 
 def sensor_setups(

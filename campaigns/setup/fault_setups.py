@@ -11,8 +11,8 @@ from wil_campaign.campaigns.schema.faults import (
 from wil_campaign.campaigns.schema.vehicles import VehicleName
 from wil_campaign.campaigns.setup.vehicle_setups import VehicleSetup
 from wil_campaign.campaigns.values.signal_faults import SignalFault
+from wil_campaign.foundation.files.documents import Document, Path, Problem, closest
 from wil_campaign.vehicles.faults import FaultKind
-from wil_campaign.worlds.files.documents import Document, Path, Problem, closest
 
 
 def fault_setups(

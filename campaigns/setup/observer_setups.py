@@ -2,9 +2,9 @@
 
 from wil_campaign.campaigns.schema import CampaignPart
 from wil_campaign.campaigns.setup.case_setup import ObserverSetup
+from wil_campaign.foundation.files.documents import Document, Problem
 from wil_campaign.hooks import run_observers
 from wil_campaign.installed_plugins import added, load
-from wil_campaign.worlds.files.documents import Document, Problem
 
 
 def observer_setups(

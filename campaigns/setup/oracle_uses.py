@@ -2,13 +2,20 @@
 
 import re
 
+from wil_campaign.foundation.files.documents import (
+    BadInput,
+    Document,
+    Entry,
+    Problem,
+    check,
+    closest,
+)
+from wil_campaign.foundation.files.yaml_nodes import mapping_node
 from wil_campaign.hooks import oracles
 from wil_campaign.installed_plugins import absent
 from wil_campaign.safety.evaluation.judge import OracleUse
 from wil_campaign.safety.model.verdict import PARTS
 from wil_campaign.safety.oracles.registry import oracle_kinds, own_keys
-from wil_campaign.worlds.files.documents import BadInput, Document, Entry, Problem, check, closest
-from wil_campaign.worlds.files.yaml_nodes import mapping_node
 
 _WORDS = re.compile("[./]")
 

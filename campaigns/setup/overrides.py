@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from wil_campaign.campaigns.schema import matrix_keys
-from wil_campaign.worlds.files.documents import (
+from wil_campaign.foundation.files.documents import (
     BadInput,
     Document,
     Entry,

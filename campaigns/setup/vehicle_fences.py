@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from wil_campaign.campaigns.schema import VEHICLES, GeofencePart, VehicleName
+from wil_campaign.foundation.files.documents import BadInput, Document, Path, Problem, check
 from wil_campaign.safety.fence.areas import FenceError
 from wil_campaign.safety.fence.fence_files import is_fence_file, read_fence_file
 from wil_campaign.safety.fence.fence_schema import FencePart
 from wil_campaign.safety.fence.geofence import Fence, require_few_corners
 from wil_campaign.safety.fence.geographic import DrawnFence
-from wil_campaign.worlds.files.documents import BadInput, Document, Path, Problem, check
 from wil_campaign.worlds.geodesy import LocalFrame
 
 

@@ -31,6 +31,15 @@ from wil_campaign.campaigns.values.external_setups import (
     ReadingSourceSetup,
 )
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, OtherSetup, SensorSetup
+from wil_campaign.foundation.files.documents import (
+    BadInput,
+    Document,
+    KeyFaultError,
+    Problem,
+    closest,
+)
+from wil_campaign.foundation.files.documents import Path as KeyPath
+from wil_campaign.foundation.files.paths import exists, expanded
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, MessageRate, TelemetryRates
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.command_backends import OWN_FRAMES
@@ -50,9 +59,6 @@ from wil_campaign.vehicles.links.link_conditions import KeySource
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
 from wil_campaign.vehicles.mavlink.names import message_number
 from wil_campaign.vehicles.telemetry_fit import RadioTooSlowError, fitted
-from wil_campaign.worlds.files.documents import BadInput, Document, KeyFaultError, Problem, closest
-from wil_campaign.worlds.files.documents import Path as KeyPath
-from wil_campaign.worlds.files.paths import exists, expanded
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.parts import BoxShape
 

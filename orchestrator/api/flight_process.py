@@ -14,6 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, Self
 
+from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.api.flight_messages import (
     CampaignEnded,
     CampaignRefused,
@@ -36,7 +37,6 @@ from wil_campaign.orchestrator.model.progress import Progress
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.safety.guard.process.runtime_folder import RuntimeFolderError
-from wil_campaign.worlds.files.documents import BadInput
 
 
 class MessageWatcher:

@@ -7,10 +7,10 @@ from pathlib import Path
 from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.bench_file import load_benches
+from wil_campaign.foundation.files.documents import BadInput, Problem
 from wil_campaign.orchestrator.campaign.reevaluation import Judgement, judge_campaign_again
 from wil_campaign.orchestrator.cli.commands.plan import plan_document
 from wil_campaign.orchestrator.cli.run_selection import Choice
-from wil_campaign.worlds.files.documents import BadInput, Problem
 
 
 def load(

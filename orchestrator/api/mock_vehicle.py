@@ -14,15 +14,15 @@ from typing import Literal, Self
 
 from pydantic import ValidationError
 
+from wil_campaign.foundation.files.documents import BadInput
+from wil_campaign.foundation.processes.child import how_it_ended
+from wil_campaign.foundation.processes.feed_socket import feed_environment, feed_pair
+from wil_campaign.foundation.tasks import finish
 from wil_campaign.vehicles.embedded.process.feed import MakeFault, to_vehicle
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 from wil_campaign.vehicles.embedded.process.standalone_settings import standalone_settings
 from wil_campaign.vehicles.faults import Fault, FaultError, parse_fault
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
-from wil_campaign.vehicles.processes.child import how_it_ended
-from wil_campaign.vehicles.processes.feed_socket import feed_environment, feed_pair
-from wil_campaign.vehicles.tasks import finish
-from wil_campaign.worlds.files.documents import BadInput
 
 Autopilot = Literal["px4", "ardupilot"]
 

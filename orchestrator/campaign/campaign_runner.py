@@ -11,6 +11,9 @@ from typing import Any, Protocol
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
 from wil_campaign.campaigns.setup.case_setup import FLIES
+from wil_campaign.foundation.files.limited_json import read_json
+from wil_campaign.foundation.files.problems import printable
+from wil_campaign.foundation.tasks import TaskAccount, raising_first_of
 from wil_campaign.orchestrator.campaign.between_runs import BetweenRuns
 from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
@@ -61,9 +64,6 @@ from wil_campaign.orchestrator.operator.operator_channels import open_operator_c
 from wil_campaign.orchestrator.run.stages.return_flight import return_plan
 from wil_campaign.orchestrator.run.vehicles.preflight_checks import disk_item
 from wil_campaign.orchestrator.state.run_setup import RunOrder
-from wil_campaign.vehicles.tasks import TaskAccount, raising_first_of
-from wil_campaign.worlds.files.limited_json import read_json
-from wil_campaign.worlds.files.problems import printable
 
 _NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP"}
 """The signals that land all vehicles and end the campaign; SIGHUP unless ignored, as by nohup."""

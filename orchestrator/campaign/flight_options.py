@@ -6,11 +6,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.hooks import engines
 from wil_campaign.installed_plugins import added
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL, LocalRunEngine, RunEngine
 from wil_campaign.orchestrator.model.campaign_results import VehicleKind
-from wil_campaign.orchestrator.model.clock import Clock
 
 
 def _engine_help() -> str:

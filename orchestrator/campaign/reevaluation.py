@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan, load_campaign
+from wil_campaign.foundation.files.limited_json import loads_limited, read_json, read_limited
 from wil_campaign.orchestrator.campaign.folder.manifest import (
     judging_manifest,
     of_runs,
@@ -29,7 +30,6 @@ from wil_campaign.safety.evaluation.judge import unjudged
 from wil_campaign.safety.evaluation.judge_log import JudgeLogError, judge_from_log, read_judge_log
 from wil_campaign.safety.evidence.evidence import SOURCE
 from wil_campaign.safety.model.verdict import DecisiveEvent, decide, source_of
-from wil_campaign.worlds.files.limited_json import loads_limited, read_json, read_limited
 from wil_campaign.worlds.scene.track import RunHistory
 
 

@@ -242,8 +242,8 @@ def _report_failure(error: BaseException) -> int:
     import tempfile  # noqa: PLC0415 - not needed for --help
     import traceback  # noqa: PLC0415 - not needed for --help
 
+    from wil_campaign.foundation.files.documents import BadInput  # noqa: PLC0415
     from wil_campaign.safety.guard.process.runtime_folder import RuntimeFolderError  # noqa: PLC0415
-    from wil_campaign.worlds.files.documents import BadInput  # noqa: PLC0415
 
     if isinstance(error, BadInput | RuntimeFolderError):
         err(error)

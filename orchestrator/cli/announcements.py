@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from wil_campaign.campaigns.expansion.expansion import Campaign
+from wil_campaign.foundation.files.problems import BadInput, Problem
 from wil_campaign.hooks import Announcer, announcers
 from wil_campaign.installed_plugins import added, load
 from wil_campaign.orchestrator.cli.standard_streams import err
 from wil_campaign.orchestrator.model.campaign_results import Summary
-from wil_campaign.worlds.files.problems import BadInput, Problem
 
 
 def announce_problems(problems: tuple[Problem, ...], warnings: tuple[Problem, ...]) -> None:

@@ -12,6 +12,9 @@ from wil_campaign.campaigns.setup.actor_setups import ActorSetup
 from wil_campaign.campaigns.setup.bench_file import Bench
 from wil_campaign.campaigns.setup.encounters import encounters
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
+from wil_campaign.foundation.clocks.virtual_loop import Clock
+from wil_campaign.foundation.files.paths import exists
+from wil_campaign.foundation.processes.linux import usable_cores
 from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import (
     AttachedVehicle,
@@ -28,12 +31,9 @@ from wil_campaign.orchestrator.cli.clock_choice import clock_for, shared_of
 from wil_campaign.orchestrator.cli.standard_streams import err
 from wil_campaign.orchestrator.cli.text_table import count_text
 from wil_campaign.orchestrator.model.campaign_results import VehicleKind
-from wil_campaign.orchestrator.model.clock import Clock
 from wil_campaign.orchestrator.state.parameter_backups import NoHomeError, parameter_backup_folder
 from wil_campaign.vehicles.errors import NO_JSBSIM, VehicleError
 from wil_campaign.vehicles.links.link_strings import LinkAddress
-from wil_campaign.vehicles.processes.linux import usable_cores
-from wil_campaign.worlds.files.paths import exists
 
 REFUSED = 2
 UNAVAILABLE = 3

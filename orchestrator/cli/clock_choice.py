@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from functools import partial
 
 from wil_campaign.campaigns.expansion.expansion import Campaign
+from wil_campaign.foundation.clocks.virtual_loop import Clock
+from wil_campaign.foundation.files.documents import BadInput, Path
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import (
     flown_vehicles,
     planned_setups,
 )
-from wil_campaign.orchestrator.model.clock import Clock
-from wil_campaign.worlds.files.documents import BadInput, Path
 
 _REAL_TIME = "{} runs in real time: use --clock wall"
 _NEEDS_SCALED = (

@@ -5,8 +5,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from wil_campaign.orchestrator.model.clock import Clock
-from wil_campaign.worlds.files.limited_json import loads_limited
+from wil_campaign.foundation.clocks.virtual_loop import Clock
+from wil_campaign.foundation.files.limited_json import loads_limited
 
 _GUESSED_S: dict[Clock, float] = {"virtual": 6.0, "wall": 60.0, "scaled": 60.0}
 """Wall time of one flight where nothing was flown yet: of the examples on two cores."""

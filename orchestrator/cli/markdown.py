@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from wil_campaign.worlds.files.problems import printable
+from wil_campaign.foundation.files.problems import printable
 
 _MARKS = re.compile(r"([\\`*_{}\[\]<>|~])")
 _CALLS = re.compile(r"([@#!])(?=\w)")

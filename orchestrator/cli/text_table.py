@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from wil_campaign.worlds.files.problems import printable
+from wil_campaign.foundation.files.problems import printable
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

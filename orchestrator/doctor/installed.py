@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator
 from importlib.metadata import PackageNotFoundError, requires, version
 
 from wil_campaign import hooks
+from wil_campaign.foundation.processes.linux import usable_cores
 from wil_campaign.hooks import VehicleDriver
 from wil_campaign.installed_plugins import added
 from wil_campaign.orchestrator.doctor.findings import Finding
-from wil_campaign.vehicles.processes.linux import usable_cores
 
 TOPIC = "installed"
 _OLDEST = (3, 11)

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from wil_campaign.campaigns.expansion.expansion import load_campaign
+from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.hooks import drivers, operator_channels
 from wil_campaign.installed_plugins import added, load
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import (
@@ -16,7 +17,6 @@ from wil_campaign.orchestrator.doctor.installed import driver_remedy, is_there, 
 from wil_campaign.vehicles.links.link import LinkError
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import LinkAddress
-from wil_campaign.worlds.files.documents import BadInput
 
 _OPEN_S = 5.0
 

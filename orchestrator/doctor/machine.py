@@ -13,6 +13,8 @@ from pathlib import Path
 
 import psutil
 
+from wil_campaign.foundation.files.paths import is_folder, require_utf8
+from wil_campaign.foundation.files.problems import BadInput
 from wil_campaign.orchestrator.doctor.findings import Finding
 from wil_campaign.orchestrator.run.flight.lateness import LATE_S
 from wil_campaign.safety.guard.process.orphaned_processes import GuardRecord
@@ -24,8 +26,6 @@ from wil_campaign.safety.guard.process.runtime_folder import (
 from wil_campaign.vehicles.driver.onboard.fence_backup import waiting_backups
 from wil_campaign.vehicles.launch.launch_records import LaunchRecord
 from wil_campaign.vehicles.links.serial_port import group_of
-from wil_campaign.worlds.files.paths import is_folder, require_utf8
-from wil_campaign.worlds.files.problems import BadInput
 from wil_campaign.worlds.jit import KernelCache
 
 CLOCK = "clock"
@@ -122,7 +122,7 @@ def granted_to_guard() -> tuple[str, bool]:
     Tried in a short process.
     """
     names = "rise_above_load, stay_in_memory"
-    program = f"from wil_campaign.vehicles.processes.linux import {names}; "
+    program = f"from wil_campaign.foundation.processes.linux import {names}; "
     program += "print(rise_above_load(), stay_in_memory(), sep='\\n')"
     result = subprocess.run(  # noqa: S603 - this interpreter
         [sys.executable, "-P", "-c", program], capture_output=True, check=False, text=True

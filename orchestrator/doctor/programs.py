@@ -5,8 +5,8 @@ import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.orchestrator.doctor.findings import Finding
-from wil_campaign.worlds.files.paths import is_file
 
 AUTOPILOTS = "autopilots"
 _DOCKER_S = 5.0

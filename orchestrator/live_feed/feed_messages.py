@@ -8,8 +8,8 @@ from typing import Any, Self
 
 import msgspec
 
+from wil_campaign.foundation.processes.codec import Codec, Message
 from wil_campaign.safety.model.oracle_results import OracleResult
-from wil_campaign.vehicles.processes.codec import Codec, Message
 from wil_campaign.worlds.frames import Quat, Vec3
 from wil_campaign.worlds.scene.track import RunHistory
 

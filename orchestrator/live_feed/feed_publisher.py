@@ -14,6 +14,7 @@ from typing import Self
 
 import msgspec
 
+from wil_campaign.foundation.tasks import FAULTS
 from wil_campaign.orchestrator.live_feed.feed_images import image_view
 from wil_campaign.orchestrator.live_feed.feed_messages import (
     LONGEST_DATAGRAM_BYTES,
@@ -26,7 +27,6 @@ from wil_campaign.orchestrator.live_feed.feed_messages import (
 from wil_campaign.orchestrator.live_feed.feed_sockets import FeedSender, find_console_sockets
 from wil_campaign.orchestrator.state.mixtures import PreviewImages
 from wil_campaign.vehicles.readings import CameraReading
-from wil_campaign.vehicles.tasks import FAULTS
 
 _SEARCH_S = 1.0
 """Period of the search for consoles, wall clock."""

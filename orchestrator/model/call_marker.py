@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from wil_campaign.vehicles.processes.linux import memory_descriptor
+from wil_campaign.foundation.processes.linux import memory_descriptor
 
 _BYTES = 16
 _mark = mmap.mmap(-1, _BYTES)

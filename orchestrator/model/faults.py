@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+from wil_campaign.foundation.tasks import FAULTS, asked_to_end, leaves
 from wil_campaign.orchestrator.model.run_log import append_event
-from wil_campaign.vehicles.tasks import FAULTS, asked_to_end, leaves
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,10 +8,10 @@ from typing import TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
+from wil_campaign.foundation.files.limited_json import JsonLimitError, check_values, read_limited
 from wil_campaign.orchestrator.model.campaign_results import Summary
 from wil_campaign.orchestrator.model.document_writer import as_plain, to_json
 from wil_campaign.orchestrator.model.results import RunResult
-from wil_campaign.worlds.files.limited_json import JsonLimitError, check_values, read_limited
 
 T = TypeVar("T")
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from wil_campaign.foundation.background_file import BackgroundFile
+from wil_campaign.foundation.files.limited_json import loads_limited
 from wil_campaign.safety.model.verdict import DecisiveEvent, DecisiveKind
-from wil_campaign.vehicles.background_file import BackgroundFile
-from wil_campaign.worlds.files.limited_json import loads_limited
 
 _WRITTEN_WITHIN_S = 0.05
 """How long an event waits for its line, so that a process that dies right after it loses none."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Any, Protocol
 
+from wil_campaign.foundation.tasks import Contained
 from wil_campaign.orchestrator.model.flight_place import FlightPlace
 from wil_campaign.orchestrator.model.progress import Happening, News, Progress
 from wil_campaign.orchestrator.model.results import RunResult, Stop
@@ -17,7 +18,6 @@ from wil_campaign.orchestrator.operator.operator_log import OperatorLog
 from wil_campaign.orchestrator.operator.socket_client import tell
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
-from wil_campaign.vehicles.tasks import Contained
 
 _MOST_ANSWERS = 20
 

@@ -9,13 +9,13 @@ from typing import Self
 
 import msgspec
 
+from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.safety.guard.process.orphaned_processes import running
 from wil_campaign.safety.guard.process.runtime_folder import (
     open_runtime_folder,
     runtime_folders,
     sweep,
 )
-from wil_campaign.vehicles.processes.identity import ProcessId
 
 
 @dataclass(frozen=True, slots=True)

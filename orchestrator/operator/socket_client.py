@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from wil_campaign.vehicles.processes.linux import UnsupportedSystemError, peer_uid
+from wil_campaign.foundation.processes.linux import UnsupportedSystemError, peer_uid
 
 _ANSWER_S = 2.0
 _LONGEST_ANSWER_BYTES = 1 << 20

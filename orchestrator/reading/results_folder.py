@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from wil_campaign.campaigns.values.acceptance import Requirement
+from wil_campaign.foundation.files.limited_json import JsonLimitError, check_values, read_limited
 from wil_campaign.orchestrator.campaign.resuming.run_ledger import open_orders
 from wil_campaign.orchestrator.model.campaign_results import Summary
 from wil_campaign.orchestrator.model.results_reader import result_model, summary_model
@@ -18,7 +19,6 @@ from wil_campaign.orchestrator.reading.flown_requirements import (
     flown_requirements,
 )
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
-from wil_campaign.worlds.files.limited_json import JsonLimitError, check_values, read_limited
 
 T = TypeVar("T")
 

@@ -8,9 +8,9 @@ from io import BytesIO, TextIOWrapper
 from itertools import islice
 from pathlib import Path
 
+from wil_campaign.foundation.files.limits import MAX_TRAJECTORY_ROWS
 from wil_campaign.orchestrator.reading.model import Commanded
 from wil_campaign.orchestrator.reading.results_folder import UnreadableError, read_data
-from wil_campaign.worlds.files.limits import MAX_TRAJECTORY_ROWS
 from wil_campaign.worlds.frames import Vec3
 
 _NEEDED = frozenset({"t_s", "vehicle", "stage"})

@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Self
 
+from wil_campaign.foundation.background_file import BackgroundFile
 from wil_campaign.safety.evaluation.judge_log import JudgeLogPacker, LoggedSample
-from wil_campaign.vehicles.background_file import BackgroundFile
 
 FILE_NAME = "judged.msgpack"
 

@@ -8,13 +8,13 @@ from typing import Any
 from mcap.records import Channel, Message, Metadata
 from numpy.typing import NDArray
 
+from wil_campaign.foundation.files.limited_json import loads_limited
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import End, RecordStream
 from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode, image_of
 from wil_campaign.orchestrator.recording.mcap.mcap_json import Json
 from wil_campaign.orchestrator.recording.reading_arrays import Arrays, arrays_of
 from wil_campaign.vehicles.readings import Reading, Source
-from wil_campaign.worlds.files.limited_json import loads_limited
 
 
 @dataclass(frozen=True, slots=True)

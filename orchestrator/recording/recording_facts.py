@@ -6,12 +6,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from wil_campaign.foundation.files.documents import Data, parse
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.model.recipe import Recipe
 from wil_campaign.safety.fence.fence_values import fence_of_plain, plain_fence
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.worlds.camera import CameraMount
-from wil_campaign.worlds.files.documents import Data, parse
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.world_file.world import World
 

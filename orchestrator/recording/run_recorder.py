@@ -12,7 +12,9 @@ from typing import Any, Self
 import cv2
 import numpy as np
 
-from wil_campaign.orchestrator.model.clock import Clock
+from wil_campaign.foundation.clocks.sleeping import sleep_until
+from wil_campaign.foundation.clocks.virtual_loop import Clock
+from wil_campaign.foundation.tasks import TakeFault
 from wil_campaign.orchestrator.model.run_log import RunLog
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME as JUDGED
 from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
@@ -33,11 +35,9 @@ from wil_campaign.safety.guard.core.events import GuardEvent
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.model.oracle_results import Flag
 from wil_campaign.safety.model.verdict import DecisiveEvent
-from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
 from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent
 from wil_campaign.vehicles.mavlink.tlog import TlogWriter
 from wil_campaign.vehicles.readings import Reading
-from wil_campaign.vehicles.tasks import TakeFault
 
 _EVIDENCE_PARTS = ("/provenance", "/visibility")
 """Parts of /mixed/<sensor> that are evidence for the verdict."""

@@ -6,12 +6,12 @@ from pathlib import Path
 import cv2
 from mcap.records import Channel, Message, Metadata
 
+from wil_campaign.foundation.files.limited_json import loads_limited
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
 from wil_campaign.orchestrator.recording.mcap.mcap_decode import image_of
 from wil_campaign.orchestrator.recording.mcap.mcap_encode import LOG, PERCEIVED
 from wil_campaign.orchestrator.recording.mcap.mcap_json import Json
-from wil_campaign.worlds.files.limited_json import loads_limited
 
 FILE_NAME = "mixed.mp4"
 _NOMINAL_HZ = 30.0

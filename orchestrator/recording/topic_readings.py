@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message, Schema
 
+from wil_campaign.foundation.files.limited_json import loads_limited
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
 from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode
@@ -20,7 +21,6 @@ from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.vehicles.sources.messagepack import BadMessageError
 from wil_campaign.vehicles.sources.readings.reading_message import Sampled
 from wil_campaign.vehicles.sources.readings.ros2_messages import ROS2_TYPES, read_ros2, stamp_s
-from wil_campaign.worlds.files.limited_json import loads_limited
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 
 _IMAGES = frozenset({"camera", "depth"})

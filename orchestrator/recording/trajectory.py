@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import NamedTuple, Self
 
-from wil_campaign.vehicles.background_file import BackgroundFile
+from wil_campaign.foundation.background_file import BackgroundFile
 from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
 from wil_campaign.worlds.frames import Pose, Vec3, euler_from_quat
 

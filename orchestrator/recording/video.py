@@ -7,7 +7,7 @@ from typing import Any, Self
 import av
 import cv2
 
-from wil_campaign.vehicles.background_file import BackgroundFile
+from wil_campaign.foundation.background_file import BackgroundFile
 from wil_campaign.vehicles.readings import BgrImage
 
 _TIME_BASE = Fraction(1, 90_000)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from wil_campaign import hooks
+from wil_campaign.foundation.processes.linux import usable_cores
 from wil_campaign.hooks import ReportSection, Section
 from wil_campaign.installed_plugins import added, load
 from wil_campaign.orchestrator.model.document_writer import write_whole
@@ -29,7 +30,6 @@ from wil_campaign.orchestrator.report.rendering.page import (
     render_run,
     went_wrong,
 )
-from wil_campaign.vehicles.processes.linux import usable_cores
 
 FILE_NAME = "report.html"
 _ALONE = 8

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from wil_campaign.worlds.files.own_folders import home_folder
+from wil_campaign.foundation.files.own_folders import home_folder
 
 
 class NoHomeError(OSError):

@@ -10,7 +10,7 @@ from wil_campaign.campaigns.schema import Mode, VehicleName
 from wil_campaign.campaigns.setup.actor_setups import ActorSetup
 from wil_campaign.campaigns.setup.case_setup import FLIES, Setup, VehicleSetup
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
-from wil_campaign.orchestrator.model.clock import Clock
+from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.orchestrator.model.results import Attempt
 from wil_campaign.orchestrator.model.return_path import ReturnPath
 from wil_campaign.vehicles.autopilots.registry import autopilot_named

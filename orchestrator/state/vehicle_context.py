@@ -4,19 +4,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
+from wil_campaign.foundation.tasks import Contained
 from wil_campaign.orchestrator.state.liftoff_detector import LiftoffDetector
 from wil_campaign.orchestrator.state.signal_faults import SignalFaults, restamp_estimate
 from wil_campaign.safety.model.samples import PoseSample, ReferenceSample
 from wil_campaign.vehicles.autonomy import Telemetry
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
 from wil_campaign.vehicles.faults import FaultySignal
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.readings import PoseReading
 from wil_campaign.vehicles.readings.copies import restamp_pose
 from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, Setpoints
-from wil_campaign.vehicles.tasks import Contained
 from wil_campaign.worlds.frames import Pose, Vec3, scale, subtract
 
 T = TypeVar("T")

@@ -15,6 +15,7 @@ from cyclopts import Parameter
 from wil_campaign.campaigns.schema.calibration import CalibrationPart
 from wil_campaign.campaigns.schema.sources import MocapPart, SourcePart
 from wil_campaign.campaigns.values.external_setups import MocapSetup
+from wil_campaign.foundation.files.documents import BadInput, KeyFaultError
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.model.document_writer import write_whole
 from wil_campaign.plugins.calibration.board_search import BoardViews, is_run, search_file
@@ -36,7 +37,6 @@ from wil_campaign.plugins.calibration.mounting import BodyPath
 from wil_campaign.plugins.offline.errors import OfflineError
 from wil_campaign.plugins.offline.recorded_inputs import flown_latency_s
 from wil_campaign.vehicles.errors import VehicleError
-from wil_campaign.worlds.files.documents import BadInput, KeyFaultError
 
 _FORMS = "chessboard:9x6:25mm (inner corners, square) or charuco:8x6:30mm:22mm[:4x4_50] (squares)"
 _CHESSBOARD = re.compile(r"chessboard:(\d{1,3})x(\d{1,3}):([\d.]+)mm")

@@ -14,6 +14,8 @@ from wil_campaign.campaigns.schema.calibration import (
     SpreadPart,
     read_calibration,
 )
+from wil_campaign.foundation.files.documents import load
+from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.plugins.calibration.board_search import BoardViews
 from wil_campaign.plugins.calibration.boards import Board, CalibrationError
 from wil_campaign.plugins.calibration.mounting import BodyPath, MountingFit, fit_mounting
@@ -21,8 +23,6 @@ from wil_campaign.plugins.calibration.optics import OpticsFit, fit_optics
 from wil_campaign.plugins.offline.errors import OfflineError
 from wil_campaign.vehicles.sensors.sensor_spec import MountPart
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.files.documents import load
-from wil_campaign.worlds.files.paths import is_file
 from wil_campaign.worlds.frames import Pose, euler_from_quat
 
 _THRICE = 3.0

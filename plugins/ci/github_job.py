@@ -9,13 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from wil_campaign.campaigns.expansion.expansion import Campaign
+from wil_campaign.foundation.files.problems import Problem
 from wil_campaign.orchestrator.cli.markdown import markdown_table, markdown_text
 from wil_campaign.orchestrator.cli.standard_streams import err
 from wil_campaign.orchestrator.cli.verdict_table import conclusions, verdict_table
 from wil_campaign.orchestrator.model.campaign_results import Summary
 from wil_campaign.orchestrator.model.junit import junit_xml
 from wil_campaign.plugins.ci.repository_paths import repository_path
-from wil_campaign.worlds.files.problems import Problem
 
 _SHOWN = 10
 """GitHub shows as many annotations of a kind of a step, and drops the rest."""

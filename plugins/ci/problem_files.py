@@ -6,9 +6,9 @@ from collections import Counter
 from typing import Any
 from urllib.parse import quote
 
+from wil_campaign.foundation.files.problems import Problem
 from wil_campaign.orchestrator.installation import program_version
 from wil_campaign.plugins.ci.repository_paths import repository_path
-from wil_campaign.worlds.files.problems import Problem
 
 _RULE = "bad-input"
 _SUMMARY = "A campaign, world, recipe or bench file that cannot be used as it is."

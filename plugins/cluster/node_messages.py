@@ -8,6 +8,8 @@ from typing import TypeVar
 
 import msgspec
 
+from wil_campaign.foundation.files.yaml_nodes import Entry, Node, Place, Source
+from wil_campaign.foundation.processes.codec import Codec, Message, MessageError, Plain
 from wil_campaign.orchestrator.campaign.workers.run_order import map_documents
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
 from wil_campaign.orchestrator.model.campaign_results import VehicleKind
@@ -16,8 +18,6 @@ from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.plugins.cluster.travelling_files import TravellingFiles
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-from wil_campaign.vehicles.processes.codec import Codec, Message, MessageError, Plain
-from wil_campaign.worlds.files.yaml_nodes import Entry, Node, Place, Source
 
 Decoded = TypeVar("Decoded")
 

@@ -4,6 +4,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable
 
+from wil_campaign.foundation.processes.codec import MessageError
 from wil_campaign.orchestrator.campaign.resuming.run_ledger import RunLedger
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.campaign.workers.run_order import resolve_order
@@ -25,7 +26,6 @@ from wil_campaign.plugins.cluster.ray_agents import HiredAgent
 from wil_campaign.plugins.cluster.returned_results import LANDED_S, ReturnedResults
 from wil_campaign.plugins.cluster.threads import in_thread
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-from wil_campaign.vehicles.processes.codec import MessageError
 
 _REPORT_S = 5.0
 

@@ -5,10 +5,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Self
 
+from wil_campaign.foundation.files.limited_json import read_json
 from wil_campaign.orchestrator.operator.campaign_records import Place
 from wil_campaign.orchestrator.operator.flight_scope import FlightScope
 from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask
-from wil_campaign.worlds.files.limited_json import read_json
 
 POLL_S = 0.5
 _THREADS = 8

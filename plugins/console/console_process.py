@@ -14,6 +14,8 @@ from typing import get_args
 
 from aiohttp import web
 
+from wil_campaign.foundation.processes.codec import MessageError
+from wil_campaign.foundation.tasks import stop, together
 from wil_campaign.orchestrator.live_feed.feed_messages import feed_codec
 from wil_campaign.orchestrator.live_feed.feed_sockets import feed_receiver
 from wil_campaign.orchestrator.operator.flight_scope import FlightScope
@@ -29,8 +31,6 @@ from wil_campaign.plugins.console.console_hub import ConsoleHub
 from wil_campaign.plugins.console.console_server import ConsoleServer
 from wil_campaign.plugins.console.page_commands import CommandSender
 from wil_campaign.plugins.console.recorded_run import RecordedRun
-from wil_campaign.vehicles.processes.codec import MessageError
-from wil_campaign.vehicles.tasks import stop, together
 
 _LONGEST_BYTES = 1 << 18
 _BACKLOG = 64

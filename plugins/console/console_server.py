@@ -14,6 +14,7 @@ from typing import Any
 from aiohttp import web
 
 from wil_campaign.campaigns.setup.vehicle_fences import changed_fences
+from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.live_feed.feed_messages import RunView
 from wil_campaign.plugins.console.console_access import AccessError, ConsoleAccess, Session
 from wil_campaign.plugins.console.console_address import RequestRules
@@ -31,7 +32,6 @@ from wil_campaign.safety.fence.fence_values import fence_of_plain
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError, checked_who
 from wil_campaign.safety.guard.operator.rate_limit import RateLimit
-from wil_campaign.worlds.files.documents import BadInput
 from wil_campaign.worlds.geodesy import LocalFrame
 
 _NOWHERE = LocalFrame(0.0, 0.0, 0.0)

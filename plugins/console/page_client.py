@@ -11,9 +11,9 @@ from typing import Any
 import msgspec
 from aiohttp import WSMsgType, web
 
+from wil_campaign.foundation.tasks import together
 from wil_campaign.orchestrator.live_feed.feed_messages import ImageView
 from wil_campaign.plugins.console.console_access import Session
-from wil_campaign.vehicles.tasks import together
 
 WINDOW = 2
 """Unacknowledged images per camera."""

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from wil_campaign.foundation.processes.codec import MessageError
 from wil_campaign.orchestrator.live_feed.feed_messages import feed_codec
 from wil_campaign.orchestrator.live_feed.feed_sockets import feed_receiver
 from wil_campaign.orchestrator.operator.flight_scope import FlightScope
@@ -18,7 +19,6 @@ from wil_campaign.plugins.foxglove.bridge import Bridge
 from wil_campaign.plugins.foxglove.bridge_address import bridge_address
 from wil_campaign.plugins.foxglove.errors import BridgeError
 from wil_campaign.plugins.foxglove.foxglove_server import FoxgloveServer
-from wil_campaign.vehicles.processes.codec import MessageError
 
 SERVED, REFUSED = "foxglove: ", "refused: "
 """Prefixes of the first line of its output."""

@@ -5,9 +5,9 @@ from typing import Annotated, Any, Self
 from pydantic import Field, field_validator, model_validator
 
 from wil_campaign.campaigns.schema import CampaignPart
+from wil_campaign.foundation.files.documents import Document, KeyFaultError, Part, Problem
 from wil_campaign.plugins.injection.injection_setups import InjectionSetup, InjectionSetups
 from wil_campaign.recipes.working import SIDES, Side
-from wil_campaign.worlds.files.documents import Document, KeyFaultError, Part, Problem
 
 RateHz = Annotated[float, Field(gt=0, le=250)]
 

@@ -8,9 +8,9 @@ from wil_campaign.campaigns.checks.place_checks import judged_world
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import FLIES, ObserverSetup, Setup, VehicleSetup
+from wil_campaign.foundation.files.documents import Path, Problem, closest
 from wil_campaign.plugins.injection.injection_support import unsupported_injection
 from wil_campaign.recipes.working import Side
-from wil_campaign.worlds.files.documents import Path, Problem, closest
 
 Injected = Literal[
     "obstacle_distance",

@@ -12,12 +12,12 @@ from statistics import median
 
 import yaml
 
+from wil_campaign.foundation.files.problems import BadInput, Problem, printable
 from wil_campaign.plugins.logs.course import Course, course_of
 from wil_campaign.plugins.logs.log_reader import read_log
 from wil_campaign.plugins.logs.logged_flight import LogError, LoggedFlight
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.embedded.autopilot.known_parameters import default_parameters
-from wil_campaign.worlds.files.problems import BadInput, Problem, printable
 from wil_campaign.worlds.geodesy import Geodetic, LocalFrame
 
 _CELLS = ("BAT1_N_CELLS", "BAT_N_CELLS", "BAT_N_CELLS_1")

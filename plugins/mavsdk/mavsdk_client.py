@@ -12,6 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self, cast
 
+from wil_campaign.foundation.processes.child import ChildProcess, how_it_ended
+from wil_campaign.foundation.processes.codec import FrameReader, MessageError, framed
 from wil_campaign.plugins.mavsdk.messages import (
     Alive,
     Done,
@@ -29,8 +31,6 @@ from wil_campaign.plugins.mavsdk.messages import (
 from wil_campaign.vehicles.driver.session.repeater import Repeater
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.links.link import LinkError
-from wil_campaign.vehicles.processes.child import ChildProcess, how_it_ended
-from wil_campaign.vehicles.processes.codec import FrameReader, MessageError, framed
 
 _LONGEST_QUEUE_BYTES = 4 << 20
 """A process that does not read counts as hung long before; a mission of thousands fits in."""

@@ -15,6 +15,8 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
+from wil_campaign.foundation.processes.codec import FrameReader, MessageError, framed
+from wil_campaign.foundation.processes.linux import UnsupportedSystemError, die_with_parent
 from wil_campaign.plugins.mavsdk.mavsdk_library import LibraryError, MavsdkLibrary
 from wil_campaign.plugins.mavsdk.messages import (
     Alive,
@@ -29,8 +31,6 @@ from wil_campaign.plugins.mavsdk.messages import (
     from_process,
     to_process,
 )
-from wil_campaign.vehicles.processes.codec import FrameReader, MessageError, framed
-from wil_campaign.vehicles.processes.linux import UnsupportedSystemError, die_with_parent
 
 BAD_USE, FAILED = 2, 1
 ALIVE_S = 0.2

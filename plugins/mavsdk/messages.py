@@ -2,9 +2,9 @@
 
 from typing import Literal
 
+from wil_campaign.foundation.processes.codec import Codec, Message
 from wil_campaign.vehicles.driver.onboard.mission_protocol import ItemList, MissionItem
 from wil_campaign.vehicles.driver.onboard.vehicle_logs import LogEntry
-from wil_campaign.vehicles.processes.codec import Codec, Message
 
 Action = Literal["hold", "land", "return_to_launch", "disarm", "terminate"]
 """Names of mavsdk's `Action`."""

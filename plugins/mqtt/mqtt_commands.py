@@ -17,10 +17,10 @@ import json
 from collections.abc import Callable, Collection
 from typing import Any, cast, get_args
 
+from wil_campaign.foundation.files.problems import is_encodable
 from wil_campaign.plugins.mqtt.message_signing import SignatureError, command_key, verified
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand, OperatorKind
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError, checked_who
-from wil_campaign.worlds.files.problems import is_encodable
 
 LONGEST_COMMAND_BYTES = 1 << 16
 OLDEST_S = 5.0

@@ -12,6 +12,16 @@ from dataclasses import dataclass
 
 import aiomqtt
 
+from wil_campaign.foundation.tasks import (
+    FAULTS,
+    Contained,
+    asked_to_end,
+    end_if_asked,
+    leaves,
+    report,
+    start,
+    stop,
+)
 from wil_campaign.orchestrator.model.progress import News
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
@@ -30,16 +40,6 @@ from wil_campaign.plugins.mqtt.outbox import Outbox
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
 from wil_campaign.safety.guard.operator.rate_limit import RateLimit
-from wil_campaign.vehicles.tasks import (
-    FAULTS,
-    Contained,
-    asked_to_end,
-    end_if_asked,
-    leaves,
-    report,
-    start,
-    stop,
-)
 
 _CONNECT_S = 5.0
 _KEEPALIVE_S = 5

@@ -9,13 +9,13 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, model_validator
 
 from wil_campaign.campaigns.schema.operator import ChannelPart, OnLoss, OperatorPart
+from wil_campaign.foundation.files.documents import Document, KeyFaultError, Problem
+from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.plugins.mqtt.broker_address import (
     BrokerAddress,
     BrokerAddressError,
     parse_broker,
 )
-from wil_campaign.worlds.files.documents import Document, KeyFaultError, Problem
-from wil_campaign.worlds.files.paths import is_file
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,6 +7,8 @@ from functools import partial
 from itertools import chain
 from pathlib import Path
 
+from wil_campaign.foundation.files.documents import BadInput, load
+from wil_campaign.foundation.files.paths import is_folder
 from wil_campaign.orchestrator.recording.recording_facts import objects_in
 from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from wil_campaign.plugins.offline import image_inputs, recorded_inputs
@@ -29,8 +31,6 @@ from wil_campaign.plugins.offline.offline_pairing import (
 from wil_campaign.recipes.model.recipe import Recipe
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.vehicles.readings import CameraReading, Reading, Source
-from wil_campaign.worlds.files.documents import BadInput, load
-from wil_campaign.worlds.files.paths import is_folder
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 from wil_campaign.worlds.world_file.world import World
 

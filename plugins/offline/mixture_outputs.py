@@ -9,6 +9,7 @@ from typing import Protocol, Self
 
 import cv2
 
+from wil_campaign.foundation.files.paths import exists, is_file, is_folder
 from wil_campaign.orchestrator.model.document_writer import write_whole
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import LOSSLESS
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder, RecordingReport
@@ -17,7 +18,6 @@ from wil_campaign.plugins.offline.errors import OfflineError
 from wil_campaign.plugins.offline.offline_pairing import MixedPair
 from wil_campaign.vehicles.readings import BgrImage, CameraReading
 from wil_campaign.vehicles.sources.camera_source import IMAGE_SUFFIXES
-from wil_campaign.worlds.files.paths import exists, is_file, is_folder
 
 _OF_RUNS = ("log.jsonl", "result.json", "judged.msgpack")
 """Files by which the folder of a run is recognised."""

@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from wil_campaign.foundation.files.paths import is_file, is_folder
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap_reader import Recorded, RecordedReading, Recording
 from wil_campaign.orchestrator.recording.recording_facts import latencies_in
 from wil_campaign.plugins.offline.errors import OfflineError
 from wil_campaign.vehicles.readings import Reading, Source
-from wil_campaign.worlds.files.paths import is_file, is_folder
 
 
 def recording_file(path: Path) -> Path:

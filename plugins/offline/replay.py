@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from wil_campaign.foundation.files.documents import BadInput
+from wil_campaign.foundation.files.problems import printable
 from wil_campaign.orchestrator.recording.mcap_reader import RecordedProvenance, RecordedReading
 from wil_campaign.orchestrator.recording.recording_facts import objects_in, recipe_in
 from wil_campaign.plugins.offline import recorded_inputs
@@ -17,8 +19,6 @@ from wil_campaign.recipes.model.recipe import Recipe
 from wil_campaign.recipes.pipeline.mixture import Mixed
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.vehicles.readings import Reading
-from wil_campaign.worlds.files.documents import BadInput
-from wil_campaign.worlds.files.problems import printable
 
 _MOST_RECENT = 512
 """Readings kept per sensor: a mixture is recorded some periods after its readings."""

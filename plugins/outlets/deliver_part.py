@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from wil_campaign.campaigns.schema import CameraPart, CampaignPart
+from wil_campaign.foundation.files.documents import Document, KeyFaultError, Part, Problem
 from wil_campaign.plugins.outlets.outlet_setups import (
     DeliverySetups,
     GroundStationSetup,
@@ -13,7 +14,6 @@ from wil_campaign.plugins.outlets.outlet_setups import (
 )
 from wil_campaign.recipes.working import Side
 from wil_campaign.vehicles.links.link_strings import LinkAddressError, parse_link
-from wil_campaign.worlds.files.documents import Document, KeyFaultError, Part, Problem
 
 _HOST_PORT = re.compile(r"([^:/@\s]+):(\d{1,5})")
 _KINDS: tuple[Literal["rtp", "zmq", "v4l2"], ...] = ("rtp", "zmq", "v4l2")

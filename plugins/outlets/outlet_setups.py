@@ -7,8 +7,8 @@ from typing import Literal
 from wil_campaign.campaigns.schema import Mode, VehicleName
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import FLIES, ObserverSetup, Setup
+from wil_campaign.foundation.files.documents import Path, Problem, closest
 from wil_campaign.recipes.working import Side
-from wil_campaign.worlds.files.documents import Path, Problem, closest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

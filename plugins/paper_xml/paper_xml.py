@@ -16,10 +16,15 @@ from pathlib import Path
 from types import MappingProxyType
 from xml.parsers import expat
 
-from wil_campaign.recipes.model.registry import Stage, find, resembling
-from wil_campaign.worlds.files.documents import BadInput, Document, Problem, closest, parse_value
-from wil_campaign.worlds.files.paths import is_file
-from wil_campaign.worlds.files.yaml_nodes import (
+from wil_campaign.foundation.files.documents import (
+    BadInput,
+    Document,
+    Problem,
+    closest,
+    parse_value,
+)
+from wil_campaign.foundation.files.paths import is_file
+from wil_campaign.foundation.files.yaml_nodes import (
     MAX_DEPTH,
     Data,
     Entry,
@@ -30,6 +35,7 @@ from wil_campaign.worlds.files.yaml_nodes import (
     plain,
     sequence_node,
 )
+from wil_campaign.recipes.model.registry import Stage, find, resembling
 
 
 @dataclass(slots=True)

@@ -15,10 +15,10 @@ from typing import Self
 
 import psutil
 
+from wil_campaign.foundation.processes.child import ChildProcess
+from wil_campaign.foundation.processes.last_output import last_output
+from wil_campaign.foundation.processes.process_memory import resident_mb
 from wil_campaign.vehicles.errors import VehicleError
-from wil_campaign.vehicles.process_memory import resident_mb
-from wil_campaign.vehicles.processes.child import ChildProcess
-from wil_campaign.vehicles.processes.last_output import last_output
 
 _TERM_GRACE_S = 3.0
 

@@ -8,9 +8,10 @@ from typing import Any, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.safety.guard.core.frame_filter import ESTIMATES, command_of, is_harmless
+from wil_campaign.safety.guard.core.frame_filter import ESTIMATES, is_harmless
 from wil_campaign.vehicles.autopilots.autopilot import Target
 from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.mavlink.fields import command_of
 from wil_campaign.vehicles.mavlink.framing import Frame
 from wil_campaign.vehicles.setpoints import Setpoints
 

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from wil_campaign.campaigns.setup.autonomy_under_test import ForeignAutonomy
-from wil_campaign.worlds.files.documents import Document, Problem
-from wil_campaign.worlds.files.paths import is_file
+from wil_campaign.foundation.files.documents import Document, Problem
+from wil_campaign.foundation.files.paths import is_file
 
 _SUMMARY = "Instead, a program with its arguments, run in the folder of this file."
 

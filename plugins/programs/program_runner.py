@@ -11,6 +11,8 @@ from typing import Self, cast
 from wil_campaign.campaigns.setup.autonomy_under_test import UnderTest
 from wil_campaign.campaigns.setup.perceived_cameras import perceived_cameras
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup
+from wil_campaign.foundation.processes.supervisor import supervised
+from wil_campaign.foundation.tasks import start, stop
 from wil_campaign.orchestrator.model.external_results import ProgramResult
 from wil_campaign.orchestrator.run.perception.foreign_runner import ForeignRunner
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
@@ -33,9 +35,7 @@ from wil_campaign.vehicles.links.link_strings import LinkAddress
 from wil_campaign.vehicles.links.tapped import TappedLink
 from wil_campaign.vehicles.links.udp import UdpLink
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter
-from wil_campaign.vehicles.processes.supervisor import supervised
 from wil_campaign.vehicles.readings import Reading
-from wil_campaign.vehicles.tasks import start, stop
 
 _HOST = "127.0.0.1"
 _GRACE_S = 2.0

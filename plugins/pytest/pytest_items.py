@@ -20,6 +20,7 @@ from wil_campaign.campaigns.expansion.expansion import (
     requested_bench,
 )
 from wil_campaign.campaigns.setup.bench_file import load_benches
+from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.api.campaign_results import CampaignResults
 from wil_campaign.orchestrator.api.flying import CannotFlyError, run
 from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
@@ -28,7 +29,6 @@ from wil_campaign.orchestrator.model.control_results import control_faults
 from wil_campaign.orchestrator.model.exit_codes import standings_of
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.plugins.pytest.pytest_plugin import REPORTS
-from wil_campaign.worlds.files.documents import BadInput
 
 
 class CampaignFile(pytest.File):

@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal, cast
 
+from wil_campaign.foundation.clocks.sleeping import sleep_until
+from wil_campaign.foundation.tasks import start, stop
 from wil_campaign.orchestrator.model.external_results import ProgramResult, TopicResult
 from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
@@ -41,8 +43,6 @@ from wil_campaign.plugins.ros2.ros2_part import Ros2Part
 from wil_campaign.plugins.ros2.setpoint_inbox import InTopic, SetpointInbox
 from wil_campaign.plugins.ros2.wire import Wire, WireError
 from wil_campaign.safety.model.verdict import DecisiveKind
-from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
-from wil_campaign.vehicles.tasks import start, stop
 
 _ROUTER_PORT = 7447
 """Where nodes of rmw_zenoh look for their router."""

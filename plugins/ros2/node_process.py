@@ -6,10 +6,10 @@ from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+from wil_campaign.foundation.processes.child import ChildProcess, how_it_ended
+from wil_campaign.foundation.processes.last_output import last_output
+from wil_campaign.foundation.processes.supervisor import supervised
 from wil_campaign.plugins.ros2.wire import WireError
-from wil_campaign.vehicles.processes.child import ChildProcess, how_it_ended
-from wil_campaign.vehicles.processes.last_output import last_output
-from wil_campaign.vehicles.processes.supervisor import supervised
 
 _GRACE_S = 3.0
 _SUPERVISOR_GRACE_S = 2.0

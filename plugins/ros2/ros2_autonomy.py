@@ -9,9 +9,9 @@ from typing import Any
 from pydantic import Field
 
 from wil_campaign.campaigns.setup.autonomy_under_test import ForeignAutonomy
+from wil_campaign.foundation.files.documents import Document, Problem
+from wil_campaign.foundation.files.problems import closest
 from wil_campaign.plugins.ros2.ros2_part import Ros2Part
-from wil_campaign.worlds.files.documents import Document, Problem
-from wil_campaign.worlds.files.problems import closest
 
 _SUMMARY = "Instead, a ROS 2 node."
 

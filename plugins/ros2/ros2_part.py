@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
-from wil_campaign.worlds.files.documents import KeyFaultError, Part
+from wil_campaign.foundation.files.documents import KeyFaultError, Part
 
 Distribution = Literal["humble", "iron", "jazzy", "kilted"]
 WireName = Literal["zenoh", "rclpy"]

@@ -12,6 +12,7 @@ from cyclopts import Parameter
 
 from wil_campaign.campaigns.expansion.expansion import Options
 from wil_campaign.campaigns.setup.bench_file import load_benches
+from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.orchestrator.campaign.display_thread import Display
 from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
@@ -22,7 +23,6 @@ from wil_campaign.orchestrator.cli.engine_flight import check_engine, result_sto
 from wil_campaign.orchestrator.cli.progress_display import display_of, plain_console
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import table
-from wil_campaign.orchestrator.model.clock import Clock
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.plugins.search.errors import SearchError
 from wil_campaign.plugins.search.exploration.coverage import coverage_of

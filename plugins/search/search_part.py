@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from wil_campaign.worlds.files.documents import KeyFaultError, Part
+from wil_campaign.foundation.files.documents import KeyFaultError, Part
 
 StrategyName = Literal["tpe", "cma-es", "sobol", "random", "grid", "pairwise"]
 ParameterValue = bool | int | float | str

@@ -14,6 +14,8 @@ import yaml
 from wil_campaign.campaigns.expansion.expansion import RunPlan
 from wil_campaign.campaigns.schema import matrix_keys
 from wil_campaign.campaigns.setup.overrides import Override
+from wil_campaign.foundation.files.documents import Data
+from wil_campaign.foundation.files.yaml_nodes import plain
 from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
     OutputError,
@@ -41,8 +43,6 @@ from wil_campaign.plugins.search.exploration.strategies import Strategy
 from wil_campaign.plugins.search.ledger import Ledger
 from wil_campaign.plugins.search.search_document import FILE_NAME, search_document
 from wil_campaign.plugins.search.sensed_views import sensed_views
-from wil_campaign.worlds.files.documents import Data
-from wil_campaign.worlds.files.yaml_nodes import plain
 
 FOLDER = "failures"
 _LEFT_OUT = ("accept", "controls", "published", "retries")

@@ -13,10 +13,10 @@ from wil_campaign.plugins.outlets.rtp import rtp_delivery
 from wil_campaign.plugins.outlets.sdp import RtpAddress
 from wil_campaign.vehicles.cameras.camera_effects import CameraQuality
 from wil_campaign.vehicles.cameras.rendered_cameras import Compute, RenderedCamera
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
 from wil_campaign.vehicles.embedded.process.vehicle_faults import VehicleFaults
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.readings import CameraReading, Reading
 from wil_campaign.vehicles.readings.copies import restamp_reading
 from wil_campaign.vehicles.sensors.world_views import WorldImages

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from pydantic import ValidationError
 
+from wil_campaign.foundation.files.documents import load
 from wil_campaign.orchestrator.cli.standard_streams import err
 from wil_campaign.vehicles.embedded.process.embedded_process import Companion, run_process
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
@@ -16,7 +17,6 @@ from wil_campaign.vehicles.embedded.process.standalone_settings import (
 from wil_campaign.vehicles.embedded.profile import ProfileError, load_profile
 from wil_campaign.vehicles.faults import FaultError, parse_fault
 from wil_campaign.vehicles.links.link_strings import LinkAddressError
-from wil_campaign.worlds.files.documents import load
 from wil_campaign.worlds.world_file.world import World
 
 _BAD_INPUT, _UNAVAILABLE = 2, 3

@@ -8,6 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from wil_campaign.foundation.files.problems import printable
 from wil_campaign.orchestrator.cli.markdown import markdown_table, markdown_text
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import table
@@ -17,7 +18,6 @@ from wil_campaign.plugins.statistics.comparison.comparison import Comparison
 from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
 from wil_campaign.plugins.statistics.comparison.folder_comparison import FolderComparison
 from wil_campaign.plugins.statistics.comparison.folder_comparison import compare as compare_folders
-from wil_campaign.worlds.files.problems import printable
 
 _HEAD = ("case", "mode", "what", "before", "after", "flights", "p", "")
 _Share = Annotated[float, Parameter(validator=Number(gt=0.0, lt=1.0))]

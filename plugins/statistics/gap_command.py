@@ -5,12 +5,12 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from wil_campaign.foundation.files.problems import printable
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
 from wil_campaign.plugins.statistics.study import Study, study_json
 from wil_campaign.plugins.statistics.study_text import study_text
-from wil_campaign.worlds.files.problems import printable
 
 
 def gap(

@@ -9,12 +9,12 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from wil_campaign.campaigns.statistics.proportions import Interval
+from wil_campaign.foundation.files.problems import printable
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import table
 from wil_campaign.plugins.statistics.history.folder_history import history as read_history
 from wil_campaign.plugins.statistics.history.history import HistoryRow, Variation
 from wil_campaign.plugins.statistics.history.records import HistoryFileError
-from wil_campaign.worlds.files.problems import printable
 
 _DEFAULT = (Path("results"),)
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from wil_campaign.worlds.files.documents import Data
+from wil_campaign.foundation.files.documents import Data
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
 """The statistics of a campaign as text: tables, and the sentences beneath them."""
 
+from wil_campaign.foundation.files.problems import printable
 from wil_campaign.orchestrator.cli.text_table import table
 from wil_campaign.plugins.statistics.conclusions import conclusions
 from wil_campaign.plugins.statistics.study import Study
@@ -10,7 +11,6 @@ from wil_campaign.plugins.statistics.study_tables import (
     result_rows,
     statements,
 )
-from wil_campaign.worlds.files.problems import printable
 
 
 def study_text(study: Study) -> str:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from wil_campaign.foundation.tasks import finish, start, stop
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle
 from wil_campaign.plugins.step_response.comparison import Row, compare, load_ranges
 from wil_campaign.plugins.step_response.event_order import EventTrace, OrderRow, order_rows
@@ -31,7 +32,6 @@ from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 from wil_campaign.vehicles.links.tapped import TappedLink
-from wil_campaign.vehicles.tasks import finish, start, stop
 from wil_campaign.worlds.frames import norm, subtract
 
 _NAME = "vehicle"

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
+from wil_campaign.foundation.files.problems import closest
 from wil_campaign.plugins.stl.formula import (
     FORMULAS,
     TERMS,
@@ -34,7 +35,6 @@ from wil_campaign.plugins.stl.formula import (
     Term,
     Until,
 )
-from wil_campaign.worlds.files.problems import closest
 
 LONGEST = 1000
 MOST = 300

@@ -14,6 +14,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
+from wil_campaign.foundation.files.documents import Data
 from wil_campaign.plugins.stl.arithmetic import difference_of, limit_side, value_of, written
 from wil_campaign.plugins.stl.formula import (
     Comparison,
@@ -67,7 +68,6 @@ from wil_campaign.safety.oracles.oracle import (
 )
 from wil_campaign.safety.oracles.oracle_terms import ON_GOAL, Stages
 from wil_campaign.worlds.figures import distinct_text
-from wil_campaign.worlds.files.documents import Data
 
 
 def limits_of_formula(part: Mapping[str, Data]) -> Iterator[SignalLimit]:

@@ -5,6 +5,7 @@ import operator as arithmetic
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
+from wil_campaign.foundation.files.problems import closest
 from wil_campaign.plugins.stl.formula import (
     Absolute,
     Calculation,
@@ -18,7 +19,6 @@ from wil_campaign.plugins.stl.formula import (
     children,
 )
 from wil_campaign.plugins.stl.parser import NO_STATEMENT
-from wil_campaign.worlds.files.problems import closest
 
 Dimension = Mapping[str, int]
 """Base units with their powers: m/s is {m: 1, s: -1}. None is a bare number."""

@@ -5,6 +5,18 @@ from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue, ValidationError, field_validator
 
+from wil_campaign.foundation.files.documents import (
+    BadInput,
+    Data,
+    Document,
+    KeyFaultError,
+    Later,
+    Part,
+    Path,
+    Problem,
+    check,
+    closest,
+)
 from wil_campaign.recipes.model.recipe import Budget, Combination, Recipe, Sensor, Step
 from wil_campaign.recipes.model.registry import (
     STAGES,
@@ -18,18 +30,6 @@ from wil_campaign.recipes.model.registry import (
 from wil_campaign.recipes.operations.step_parameters import IMAGE_SENSORS
 from wil_campaign.recipes.working import SIDES, Side
 from wil_campaign.vehicles.readings.kinds import one_of_names
-from wil_campaign.worlds.files.documents import (
-    BadInput,
-    Data,
-    Document,
-    KeyFaultError,
-    Later,
-    Part,
-    Path,
-    Problem,
-    check,
-    closest,
-)
 
 MAX_SKEW_MS = 100.0
 """Default limit of the skew, so that an overlay is never held for ever."""

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from wil_campaign.foundation.files.documents import MAX_BYTES, BadInput, Document, Problem, load
 from wil_campaign.hooks import recipe_formats
 from wil_campaign.installed_plugins import absent, added
 from wil_campaign.installed_plugins import load as load_name
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.model.recipe import Recipe
-from wil_campaign.worlds.files.documents import MAX_BYTES, BadInput, Document, Problem, load
 
 
 def load_recipe_document(path: Path, name: str | None = None) -> Document:

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
+from wil_campaign.foundation.files.documents import Document, Path, Problem, closest
 from wil_campaign.recipes.model.registry import StepParameters, StepType
 from wil_campaign.recipes.working import Side
-from wil_campaign.worlds.files.documents import Document, Path, Problem, closest
 
 
 @dataclass(frozen=True, slots=True)

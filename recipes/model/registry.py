@@ -12,11 +12,11 @@ from typing import Any, ClassVar, Literal, TypeVar
 
 from pydantic import model_validator
 
+from wil_campaign.foundation.files.documents import Part, Path, closest
 from wil_campaign.hooks import recipe_steps
 from wil_campaign.installed_plugins import loaded
 from wil_campaign.recipes.working import Built, Need, Side
 from wil_campaign.vehicles.readings import sensor_names
-from wil_campaign.worlds.files.documents import Part, Path, closest
 
 Stage = Literal["transform", "filter", "merge"]
 OWN_STEP = "use"

@@ -6,8 +6,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
+from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.files.documents import KeyFaultError, Part
 from wil_campaign.worlds.frames import (
     Quat,
     quat_from_euler,

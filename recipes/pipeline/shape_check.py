@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path as FilePath
 from typing import TypeVar, cast
 
+from wil_campaign.foundation.files.documents import Path
 from wil_campaign.recipes.model.recipe import Combination, Step
 from wil_campaign.recipes.model.registry import OWN_STEP, Context
 from wil_campaign.recipes.working import (
@@ -21,7 +22,6 @@ from wil_campaign.recipes.working import (
     Side,
 )
 from wil_campaign.vehicles.readings import Reading
-from wil_campaign.worlds.files.documents import Path
 
 T = TypeVar("T")
 

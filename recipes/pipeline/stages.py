@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
+from wil_campaign.foundation.files.documents import Document
 from wil_campaign.recipes.model.recipe import Combination, Step
 from wil_campaign.recipes.model.registry import OWN_STEP, Context
 from wil_campaign.recipes.working import (
@@ -23,7 +24,6 @@ from wil_campaign.recipes.working import (
     TimedOperator,
 )
 from wil_campaign.vehicles.readings import Reading
-from wil_campaign.worlds.files.documents import Document
 
 Stopwatch = Callable[[], float]
 

@@ -8,6 +8,7 @@ from typing import Any, cast
 
 from pydantic import Field, JsonValue
 
+from wil_campaign.foundation.files.references import BadReferenceError, load_reference
 from wil_campaign.recipes.model.registry import (
     EVERY_SENSOR,
     OWN_STEP,
@@ -21,7 +22,6 @@ from wil_campaign.recipes.working import AnyMasked, Masked, Merge, Operator, Sid
 from wil_campaign.vehicles.readings import Reading, sensor_type_of
 from wil_campaign.vehicles.readings.checks import fault_of
 from wil_campaign.vehicles.readings.copies import copied, with_python_numbers
-from wil_campaign.worlds.files.references import BadReferenceError, load_reference
 
 
 class BadResultError(TypeError):

@@ -19,6 +19,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from wil_campaign.foundation.files.documents import (
+    BadInput,
+    Document,
+    Path,
+    Problem,
+    check,
+    parse,
+    read_limited,
+)
 from wil_campaign.safety.fence.areas import FenceError, Point2
 from wil_campaign.safety.fence.geographic import (
     DrawnFence,
@@ -35,15 +44,6 @@ from wil_campaign.safety.fence.waypoint_files import (
     waypoint_document,
 )
 from wil_campaign.vehicles.mavlink.fence_areas import CIRCLES, POLYGONS, RETURN_POINT
-from wil_campaign.worlds.files.documents import (
-    BadInput,
-    Document,
-    Path,
-    Problem,
-    check,
-    parse,
-    read_limited,
-)
 
 
 class _Foreign(BaseModel):

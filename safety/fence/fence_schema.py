@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar, Self, TypeVar
 
 from pydantic import Field, model_validator
 
+from wil_campaign.foundation.files.documents import KeyFaultError, Part, Path
 from wil_campaign.safety.fence.areas import Area, Circle, FenceError, Polygon
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.fence.geographic import (
@@ -15,7 +16,6 @@ from wil_campaign.safety.fence.geographic import (
     GeoPolygon,
     require_place,
 )
-from wil_campaign.worlds.files.documents import KeyFaultError, Part, Path
 from wil_campaign.worlds.geodesy import LocalFrame
 
 T = TypeVar("T")

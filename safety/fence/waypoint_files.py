@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from wil_campaign.worlds.files.documents import Data, Document, Path, rows_document
+from wil_campaign.foundation.files.documents import Data, Document, Path, rows_document
 
 _HEAD = b"QGC WPL"
 _BOM = b"\xef\xbb\xbf"

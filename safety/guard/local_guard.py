@@ -10,6 +10,7 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from typing import Self
 
+from wil_campaign.foundation.tasks import FAULTS, Contained, report
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.contingency import ContingencyPlan, Phase
 from wil_campaign.safety.guard.core.events import (
@@ -28,7 +29,6 @@ from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.links.impaired import ImpairedLink
 from wil_campaign.vehicles.links.link import Link, Receiver
 from wil_campaign.vehicles.poses.anchor import Anchor
-from wil_campaign.vehicles.tasks import FAULTS, Contained, report
 from wil_campaign.worlds.frames import Vec3
 
 TICK_HZ = 20.0

@@ -5,6 +5,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
+from wil_campaign.foundation.files.documents import Data, KeyFaultError
 from wil_campaign.safety.fence.areas import FenceError
 from wil_campaign.safety.fence.fence_schema import FencePart
 from wil_campaign.safety.fence.geofence import Fence
@@ -28,7 +29,6 @@ from wil_campaign.safety.oracles.oracle import (
     Windowed,
     oracle,
 )
-from wil_campaign.worlds.files.documents import Data, KeyFaultError
 
 
 class AltitudeParameters(Band):

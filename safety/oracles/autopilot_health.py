@@ -4,6 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from wil_campaign.foundation.files.documents import KeyFaultError
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import StageSample, StateSample
 from wil_campaign.safety.oracles.limit_oracle import LimitOracle, beside_limit
@@ -17,7 +18,6 @@ from wil_campaign.safety.oracles.oracle import (
     oracle,
 )
 from wil_campaign.safety.oracles.oracle_terms import ON_GOAL
-from wil_campaign.worlds.files.documents import KeyFaultError
 
 ModeName = Literal["hold", "takeoff", "guided", "land", "rtl", "mission", "pilot", "other"]
 """The values of `wil_campaign.vehicles.autopilots.autopilot.Mode`."""

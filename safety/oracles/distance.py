@@ -5,6 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from wil_campaign.foundation.files.documents import closest
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.safety.oracles.limit_oracle import (
     Band,
@@ -24,7 +25,6 @@ from wil_campaign.safety.oracles.oracle import (
     oracle,
 )
 from wil_campaign.safety.oracles.oracle_terms import IN_THE_AIR
-from wil_campaign.worlds.files.documents import closest
 
 
 class DistanceParameters(Band):

@@ -5,6 +5,7 @@ from typing import Self
 
 from pydantic import model_validator
 
+from wil_campaign.foundation.files.documents import Data, KeyFaultError
 from wil_campaign.safety.model.oracle_results import Limit, OracleResult
 from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
@@ -15,7 +16,6 @@ from wil_campaign.safety.oracles.oracle import (
     Windowed,
 )
 from wil_campaign.worlds.figures import distinct_text
-from wil_campaign.worlds.files.documents import Data, KeyFaultError
 
 
 class LimitOracle(Oracle):

@@ -5,6 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from wil_campaign.foundation.files.documents import Data
 from wil_campaign.safety.model import signals
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.safety.oracles.limit_oracle import (
@@ -25,7 +26,6 @@ from wil_campaign.safety.oracles.oracle import (
     Windowed,
     oracle,
 )
-from wil_campaign.worlds.files.documents import Data
 
 Axis = Literal["total", "horizontal", "vertical"]
 Angle = Annotated[float | None, Field(gt=0, le=180)]

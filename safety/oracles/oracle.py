@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
+from wil_campaign.foundation.files.documents import Data
 from wil_campaign.safety.model.oracle_results import Flag, Limit, OracleResult
 from wil_campaign.safety.model.samples import (
     FenceSample,
@@ -35,7 +36,6 @@ from wil_campaign.safety.oracles.oracle_terms import (
     Windowed,
 )
 from wil_campaign.vehicles.driver.vehicle_state import ReportName
-from wil_campaign.worlds.files.documents import Data
 
 __all__ = [
     "NO_FLAGS",

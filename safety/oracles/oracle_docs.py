@@ -8,9 +8,9 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from wil_campaign.foundation.files.problems import unit_of
 from wil_campaign.safety.oracles.oracle import OracleSpec
 from wil_campaign.safety.oracles.oracle_terms import Parameters, Windowed
-from wil_campaign.worlds.files.problems import unit_of
 
 _TYPES: dict[Any, str] = {float: "number", int: "whole number", bool: "true or false", str: "text"}
 _UNITS = {

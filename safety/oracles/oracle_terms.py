@@ -6,8 +6,8 @@ from typing import Annotated, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from wil_campaign.foundation.files.documents import KeyFaultError
 from wil_campaign.safety.model.samples import Stage, StageSample
-from wil_campaign.worlds.files.documents import KeyFaultError
 
 STAGES: tuple[Stage, ...] = get_args(Stage)
 """The stages in the order in which a run reaches them."""

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
-from wil_campaign.worlds.files.documents import BadInput
+from wil_campaign.foundation.files.documents import BadInput
 
 CAMPAIGN = """\
 schema: wil/campaign/1

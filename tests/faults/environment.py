@@ -25,7 +25,7 @@ from tests.orchestrator.wall_runs import ROOT, Program
 from tests.plugins.mqtt.mosquitto import MOSQUITTO
 from tests.plugins.programs.test_program_flights import FLY
 from tests.ports import free_port
-from wil_campaign.vehicles.processes.identity import ProcessId
+from wil_campaign.foundation.processes.identity import ProcessId
 
 _HOSTILE_S = 4.0
 _JUMP_S = 86400.0

@@ -9,9 +9,9 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from tests.faults.witness import Sight
-from wil_campaign.vehicles.processes.identity import ProcessId
+from wil_campaign.foundation.processes.identity import ProcessId
 
-_TELLERS = ("wil_campaign.vehicles.processes.supervisor", "wil_campaign.orchestrator.cli")
+_TELLERS = ("wil_campaign.foundation.processes.supervisor", "wil_campaign.orchestrator.cli")
 """Whose command lines name the program too."""
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextvars import Context
 from typing import Any, TypeVarTuple
 
-from wil_campaign.orchestrator.model.clock import VirtualLoop
+from wil_campaign.foundation.clocks.virtual_loop import VirtualLoop
 
 _Ts = TypeVarTuple("_Ts")
 _SPARED = (

@@ -25,7 +25,7 @@ from tests.faults.real_draws import ALWAYS_FLIES, RealFault, draw_signal, draw_t
 from tests.faults.socket_ledger import files_left, socket_ledger, start_again
 from tests.faults.witness import Sight, Witness
 from tests.orchestrator.wall_runs import ROOT, Program, stages
-from wil_campaign.vehicles.processes.identity import ProcessId
+from wil_campaign.foundation.processes.identity import ProcessId
 
 _INSIDE = Path(__file__).parent / "inside"
 _STOPPED_S = 12.0

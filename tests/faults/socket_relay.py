@@ -19,9 +19,9 @@ from tests.faults.alterations import Alteration
 from tests.faults.images import AlteredImage, altered_image
 from tests.faults.motion_capture import Alter
 from tests.faults.relay import Change
+from wil_campaign.foundation.processes.codec import MessageError
 from wil_campaign.vehicles.embedded.process.feed import Mocap, from_vehicle
 from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter
-from wil_campaign.vehicles.processes.codec import MessageError
 from wil_campaign.vehicles.readings import PoseReading
 
 _HOST = "127.0.0.1"

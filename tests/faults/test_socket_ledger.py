@@ -11,7 +11,7 @@ import pytest
 
 from tests.faults.processes import own_files
 from tests.faults.socket_ledger import SocketLedger, files_left
-from wil_campaign.vehicles.processes.identity import ProcessId
+from wil_campaign.foundation.processes.identity import ProcessId
 
 _FLIGHT = """
 import os, socket, subprocess, sys

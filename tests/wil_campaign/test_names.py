@@ -35,8 +35,9 @@ def test_a_checkout_whose_links_were_lost_is_imported(tmp_path: Path) -> None:
     """As unpacked by Python's zipfile, which writes the target of a link into a file."""
     archive = tmp_path / "checkout.zip"
     with zipfile.ZipFile(archive, "w") as packed:
-        for path in (ROOT / "wil_campaign").glob("*.py"):
-            packed.write(path, f"wil_campaign/{path.name}")
+        own = ROOT / "wil_campaign"
+        for path in (*own.glob("*.py"), *(own / "foundation").rglob("*.py")):
+            packed.write(path, path.relative_to(ROOT))
         for folder in FOLDERS:
             packed.writestr(f"wil_campaign/{folder}", f"../{folder}")
             for path in (ROOT / folder).rglob("*.py"):

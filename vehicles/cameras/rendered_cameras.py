@@ -11,6 +11,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.vehicles.cameras.camera_effects import (
     NO_STREAK,
     NOISE_ROLL_PX,
@@ -36,7 +37,6 @@ __all__ = [
     "deliver_when_due",
     "inline",
     "next_tick",
-    "sleep_until",
 ]
 
 MAX_POSE_AGE_S = 0.25
@@ -278,24 +278,6 @@ class OnDemandCamera:
 def next_tick(elapsed_s: float, rate_hz: float) -> int:
     """Return the number of the first camera tick k / rate_hz that is not over yet."""
     return int(np.ceil(elapsed_s * rate_hz - 1e-6))
-
-
-async def sleep_until(t_s: float) -> None:
-    """Sleep to a time of the run clock, exactly; at once when it is past."""
-    loop = asyncio.get_running_loop()
-    if t_s <= loop.time():
-        return
-    reached: asyncio.Future[None] = loop.create_future()
-    timer = loop.call_at(t_s, _set_result, reached)
-    try:
-        await reached
-    finally:
-        timer.cancel()
-
-
-def _set_result(reached: asyncio.Future[None]) -> None:
-    if not reached.done():
-        reached.set_result(None)
 
 
 async def deliver_when_due(ready: asyncio.Queue[Any], deliver: Callable[[Any], None]) -> None:

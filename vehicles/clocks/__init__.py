@@ -1,1 +1,1 @@
-"""Clocks: vehicle clocks on the run clock, and loops that follow a simulation's time."""
+"""Clocks of vehicles on the run clock: time synchronisation and a steady pace."""

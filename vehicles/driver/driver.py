@@ -10,6 +10,7 @@ from typing import Any, Literal, Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from wil_campaign.foundation.tasks import stop, together
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Mode, Target, TelemetryRates
 from wil_campaign.vehicles.clocks.timesync import VehicleClock
 from wil_campaign.vehicles.driver.command_backend import (
@@ -53,7 +54,6 @@ from wil_campaign.vehicles.links.udp import RIVAL_REMEDY
 from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind
 from wil_campaign.vehicles.poses.anchor import Anchor
 from wil_campaign.vehicles.setpoints import Setpoint
-from wil_campaign.vehicles.tasks import stop, together
 from wil_campaign.worlds.frames import Pose, Vec3
 from wil_campaign.worlds.geodesy import Geodetic
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from wil_campaign.foundation.tasks import Contained
 from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode
 from wil_campaign.vehicles.driver.session.conditions import ConditionWaiter
 from wil_campaign.vehicles.driver.session.session import Session
@@ -23,7 +24,6 @@ from wil_campaign.vehicles.driver.vehicle_state import (
     VehicleState,
 )
 from wil_campaign.vehicles.mavlink.names import enum_name
-from wil_campaign.vehicles.tasks import Contained
 
 EventListener = Callable[[VehicleEvent], None]
 

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from wil_campaign.worlds.files.documents import KeyFaultError, Part, check, closest, load
+from wil_campaign.foundation.files.documents import KeyFaultError, Part, check, closest, load
 
 _FOLDER = Path(__file__).parent / "profiles"
 

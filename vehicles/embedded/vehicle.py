@@ -7,6 +7,7 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
+from wil_campaign.foundation.tasks import Contained
 from wil_campaign.vehicles.embedded.autopilot.copter.copter import ArduCopter
 from wil_campaign.vehicles.embedded.autopilot.copter.simulated_wind import simulated_wind
 from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import (
@@ -23,11 +24,10 @@ from wil_campaign.vehicles.embedded.physics.config import (
     EventListener,
 )
 from wil_campaign.vehicles.embedded.physics.mocap_feed import MotionCaptureFeed
-from wil_campaign.vehicles.embedded.physics.states import STOPPED, Thrusts, TruthSample
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.mavlink.codec import Codec
+from wil_campaign.vehicles.poses.truth import STOPPED, Thrusts, TruthSample
 from wil_campaign.vehicles.readings import PoseReading
-from wil_campaign.vehicles.tasks import Contained
 from wil_campaign.worlds.geodesy import LocalFrame
 
 _LISTENER = Contained("a listener to a vehicle's truth")

@@ -8,6 +8,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from wil_campaign.foundation.files.paths import exists, is_file, is_folder
 from wil_campaign.vehicles.launch.launch_plan import (
     BootParams,
     Home,
@@ -17,7 +18,6 @@ from wil_campaign.vehicles.launch.launch_plan import (
     parameter_text,
 )
 from wil_campaign.vehicles.links.link_strings import LinkAddress
-from wil_campaign.worlds.files.paths import exists, is_file, is_folder
 
 _BASE_PORT = 5760
 _PER_INSTANCE = 10

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from wil_campaign.vehicles.processes.identity import ProcessId, boot_id, working_in
+from wil_campaign.foundation.processes.identity import ProcessId, boot_id, working_in
 
 RECORD = "wil-launch.json"
 

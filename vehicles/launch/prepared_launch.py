@@ -16,12 +16,12 @@ from collections import deque
 from pathlib import Path
 from typing import Self
 
+from wil_campaign.foundation.processes.child import run_briefly
+from wil_campaign.foundation.processes.identity import ProcessId, boot_id
+from wil_campaign.foundation.processes.supervisor import supervised
+from wil_campaign.foundation.tasks import finish
 from wil_campaign.vehicles.launch.launch_plan import Launch, LaunchError, LaunchPlan, Port
 from wil_campaign.vehicles.launch.launch_records import RECORD, LaunchRecord
-from wil_campaign.vehicles.processes.child import run_briefly
-from wil_campaign.vehicles.processes.identity import ProcessId, boot_id
-from wil_campaign.vehicles.processes.supervisor import supervised
-from wil_campaign.vehicles.tasks import finish
 
 _TAIL_LINES = 15
 _COLOURS = re.compile(rb"\x1b\[[0-9;]*[A-Za-z]")

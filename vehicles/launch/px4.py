@@ -11,6 +11,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from wil_campaign.foundation.files.paths import is_file, is_folder
 from wil_campaign.vehicles.launch.ardupilot import executable
 from wil_campaign.vehicles.launch.launch_plan import (
     BootParams,
@@ -21,7 +22,6 @@ from wil_campaign.vehicles.launch.launch_plan import (
     parameter_text,
 )
 from wil_campaign.vehicles.links.link_strings import LinkAddress
-from wil_campaign.worlds.files.paths import is_file, is_folder
 
 _API_PORT = 14540
 _LOCAL_PORTS = (14580, 14280, 13030, 18570)

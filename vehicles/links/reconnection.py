@@ -6,8 +6,8 @@ import math
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
+from wil_campaign.foundation.tasks import start, stop
 from wil_campaign.vehicles.links.link import LinkError
-from wil_campaign.vehicles.tasks import start, stop
 
 _log = logging.getLogger(__name__)
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
-from wil_campaign.vehicles.background_file import BackgroundFile
+from wil_campaign.foundation.background_file import BackgroundFile
 
 _FLUSH_S = 1.0
 _stamp = struct.Struct(">Q")

@@ -16,8 +16,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from wil_campaign.vehicles.process_memory import limited_allocation
-from wil_campaign.worlds.files.limits import MAX_NETWORK_BYTES
+from wil_campaign.foundation.files.limits import MAX_NETWORK_BYTES
+from wil_campaign.foundation.processes.process_memory import limited_allocation
 
 CPU_S = 20
 """Limit of processor time for loading and running together."""

@@ -7,6 +7,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from wil_campaign.foundation.files.documents import KeyFaultError
 from wil_campaign.vehicles.readings import (
     LidarPointsReading,
     LidarScanReading,
@@ -31,7 +32,6 @@ from wil_campaign.vehicles.sensors.sensor_spec import (
 )
 from wil_campaign.vehicles.sensors.timing import Timing
 from wil_campaign.vehicles.sensors.truth import Truth
-from wil_campaign.worlds.files.documents import KeyFaultError
 from wil_campaign.worlds.frames import Pose
 
 AT_BODY = Pose((0.0, 0.0, 0.0))

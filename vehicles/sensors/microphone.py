@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from wil_campaign.foundation.files.documents import KeyFaultError
 from wil_campaign.vehicles.readings import MicrophoneReading, Source, samples_from_pressure
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
 from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions, SensorSite, SensorSpec
 from wil_campaign.vehicles.sensors.truth import Truth
-from wil_campaign.worlds.files.documents import KeyFaultError
 
 REFERENCE_PA = 20.0e-6
 """0 dB of sound pressure level."""

@@ -11,12 +11,12 @@ from typing import Annotated, Any, ClassVar, Protocol
 import numpy as np
 from pydantic import Field
 
+from wil_campaign.foundation.files.documents import Part
 from wil_campaign.vehicles.readings import Reading, Source
 from wil_campaign.vehicles.sensors.beams import RayCaster
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
 from wil_campaign.vehicles.sensors.timing import Timing
 from wil_campaign.vehicles.sensors.truth import Truth
-from wil_campaign.worlds.files.documents import Part
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose, quat_from_euler
 from wil_campaign.worlds.geodesy import LocalFrame
 

@@ -7,13 +7,13 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
+from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.vehicles.cameras.rendered_cameras import (
     Compute,
     ImageSource,
     deliver_when_due,
     inline,
     next_tick,
-    sleep_until,
 )
 from wil_campaign.vehicles.readings import CameraReading, DepthReading, PoseReading, Reading, Source
 from wil_campaign.vehicles.sensors.depth import DepthSensor

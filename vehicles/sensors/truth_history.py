@@ -3,7 +3,7 @@
 from bisect import bisect_right
 from dataclasses import replace
 
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.sensors.truth import Truth, motor_speeds
 from wil_campaign.worlds.frames import Pose, Vec3, add, scale
 

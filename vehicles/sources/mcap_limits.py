@@ -13,7 +13,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
 
-from wil_campaign.worlds.files.limits import MAX_CHUNK_BYTES, MAX_CHUNK_RECORDS
+from wil_campaign.foundation.files.limits import MAX_CHUNK_BYTES, MAX_CHUNK_RECORDS
 
 RECORD_HEAD = struct.Struct("<BQ")
 """Opcode and length of a record: MCAP specification, "Records"."""

@@ -16,9 +16,9 @@ import msgpack  # type: ignore[import-untyped]  # ships no types
 import numpy as np
 import zmq
 
+from wil_campaign.foundation.files.documents import BadInput, load
 from wil_campaign.vehicles.sources.simulator.shown_world import packed_objects, shown_objects
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.files.documents import BadInput, load
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer
 from wil_campaign.worlds.scene.scene import Scene

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from wil_campaign.worlds.files.images import read_image
+from wil_campaign.foundation.files.images import read_image
 from wil_campaign.worlds.scene.meshes import BgrTexture, FloatArray
 
 SIDE_PX = 256

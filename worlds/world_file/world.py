@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from wil_campaign.worlds.files.documents import BadInput, Document, check
+from wil_campaign.foundation.files.documents import BadInput, Document, check
 from wil_campaign.worlds.geodesy import LocalFrame
 from wil_campaign.worlds.scene.motion import StartOn
 from wil_campaign.worlds.scene.scene import Scene

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from wil_campaign.worlds.files.documents import Document, Problem, closest, closest_file
-from wil_campaign.worlds.files.paths import exists, is_folder
+from wil_campaign.foundation.files.documents import Document, Problem, closest, closest_file
+from wil_campaign.foundation.files.paths import exists, is_folder
 from wil_campaign.worlds.frames import Pose, matrix_from_quat
 from wil_campaign.worlds.scene import shapes
 from wil_campaign.worlds.scene.colors import NAMED, Rgb, parse_color

@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from wil_campaign.worlds.files.documents import KeyFaultError
-from wil_campaign.worlds.files.documents import Part as FilePart
+from wil_campaign.foundation.files.documents import KeyFaultError
+from wil_campaign.foundation.files.documents import Part as FilePart
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.motion import Moment
 

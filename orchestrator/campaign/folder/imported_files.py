@@ -11,8 +11,8 @@ from importlib.metadata import Distribution, distributions
 from importlib.util import find_spec
 from pathlib import Path
 
+from wil_campaign.foundation.files.user_modules import own_file, user_files
 from wil_campaign.orchestrator.campaign.folder.named_files import as_used
-from wil_campaign.worlds.files.user_modules import own_file, user_files
 
 _MAX_FILES = 2000
 _OURS = "wil_campaign"

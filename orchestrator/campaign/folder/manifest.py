@@ -14,15 +14,15 @@ from typing import Any
 
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.campaigns.setup.case_files import CaseFiles
+from wil_campaign.foundation.clocks.virtual_loop import Clock
+from wil_campaign.foundation.files.documents import Data, Document
+from wil_campaign.foundation.processes.linux import usable_cores
 from wil_campaign.hooks import autonomy_kinds
 from wil_campaign.installed_plugins import added
 from wil_campaign.orchestrator.campaign.folder.imported_files import imported_by
 from wil_campaign.orchestrator.campaign.folder.named_files import document_place, named_files
 from wil_campaign.orchestrator.installation import flown_program
-from wil_campaign.orchestrator.model.clock import Clock
 from wil_campaign.orchestrator.recording.timestamps import utc_text
-from wil_campaign.vehicles.processes.linux import usable_cores
-from wil_campaign.worlds.files.documents import Data, Document
 
 _CHUNK_BYTES = 1 << 20
 _LOADED = frozenset({".py", ".onnx", ".so"})

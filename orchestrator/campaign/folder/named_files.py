@@ -5,9 +5,9 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
+from wil_campaign.foundation.files.documents import Data
+from wil_campaign.foundation.files.paths import exists, is_file, is_folder
 from wil_campaign.vehicles.sources.camera_source import IMAGE_SUFFIXES
-from wil_campaign.worlds.files.documents import Data
-from wil_campaign.worlds.files.paths import exists, is_file, is_folder
 from wil_campaign.worlds.scene.mesh_files.named_by_mesh import files_named_by_mesh
 
 _PX4_PROGRAM = Path("bin") / "px4"

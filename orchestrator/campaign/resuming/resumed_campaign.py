@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
+from wil_campaign.foundation.files.limited_json import loads_limited
 from wil_campaign.hooks import engines
 from wil_campaign.installed_plugins import absent, added, load
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
@@ -44,7 +45,6 @@ from wil_campaign.orchestrator.model.document_writer import to_json, write_whole
 from wil_campaign.orchestrator.model.results import Attempt, RunResult
 from wil_campaign.orchestrator.model.results_reader import ResultError, read_result, read_summary
 from wil_campaign.orchestrator.model.run_log import read_cut_log
-from wil_campaign.worlds.files.limited_json import loads_limited
 
 
 def earlier_fault(folder: Path) -> str:

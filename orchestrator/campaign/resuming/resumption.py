@@ -5,10 +5,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from wil_campaign.foundation.files.limited_json import read_json
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import newest_folder
 from wil_campaign.orchestrator.campaign.folder.manifest_changes import changed_keys
 from wil_campaign.orchestrator.model.document_writer import to_json
-from wil_campaign.worlds.files.limited_json import read_json
 
 
 class ResumeError(Exception):

@@ -9,7 +9,7 @@ from contextlib import suppress
 
 import psutil
 
-from wil_campaign.vehicles.processes.linux import UnsupportedSystemError, adopt_orphans
+from wil_campaign.foundation.processes.linux import UnsupportedSystemError, adopt_orphans
 
 _GRACE_S = 1.0
 _OURS = ("wil_campaign.safety.", "wil_campaign.vehicles.")

@@ -39,7 +39,7 @@ from wil_campaign.orchestrator.model.call_marker import CallMark, adopt_mark
 from wil_campaign.orchestrator.model.flight_place import FlightPlace
 from wil_campaign.orchestrator.model.progress import News, ProgressLimiter
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-from wil_campaign.vehicles.processes.vehicle_server_process import (
+from wil_campaign.vehicles.vehicle_server_process import (
     VehicleServerProcess,
     inherit_vehicle_server,
 )

@@ -15,6 +15,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from wil_campaign.campaigns.setup.case_files import CaseFiles
+from wil_campaign.foundation.files.documents import Document
+from wil_campaign.foundation.files.user_modules import all_user_files, forget_user_modules
+from wil_campaign.foundation.processes.linux import processor_wait_s
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
     OutputError,
     held_run,
@@ -29,9 +32,6 @@ from wil_campaign.orchestrator.model.progress import Progress, Report
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.model.results_reader import ResultError, read_result
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
-from wil_campaign.vehicles.processes.linux import processor_wait_s
-from wil_campaign.worlds.files.documents import Document
-from wil_campaign.worlds.files.user_modules import all_user_files, forget_user_modules
 
 LONGEST_LOADING_S = 30.0
 _GRACE_S = 5.0

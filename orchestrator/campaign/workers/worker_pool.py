@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Generic
 
+from wil_campaign.foundation.tasks import finish, start, stop
 from wil_campaign.orchestrator.campaign.workers.run_workers import (
     Order,
     OrderDone,
@@ -22,7 +23,6 @@ from wil_campaign.orchestrator.campaign.workers.run_workers import (
 from wil_campaign.orchestrator.model.flight_place import FlightPlace
 from wil_campaign.orchestrator.model.progress import News, Report
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-from wil_campaign.vehicles.tasks import finish, start, stop
 
 _FIRST_MESSAGE_S = 600.0
 """The limit for a worker's first message: until then it loads the campaign's files and compiles."""

@@ -8,6 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from wil_campaign.foundation.files.own_folders import home_folder
+from wil_campaign.foundation.files.paths import is_folder
 from wil_campaign.hooks import operator_channels, vehicle_checks
 from wil_campaign.installed_plugins import added, load
 from wil_campaign.orchestrator.cli.plugin_options import (
@@ -25,8 +27,6 @@ from wil_campaign.safety.guard.process.orphaned_processes import records
 from wil_campaign.safety.guard.process.runtime_folder import runtime_folders, unsafe_folders
 from wil_campaign.vehicles.launch.launch_records import find_orphans
 from wil_campaign.vehicles.links.serial_port import ports as serial_ports
-from wil_campaign.worlds.files.own_folders import home_folder
-from wil_campaign.worlds.files.paths import is_folder
 from wil_campaign.worlds.jit import find_kernel_cache
 
 REFUSED, TROUBLE = 2, 3

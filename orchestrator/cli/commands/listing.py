@@ -13,6 +13,7 @@ from wil_campaign import campaigns
 from wil_campaign.campaigns.schema.json_schemas import summary_of
 from wil_campaign.campaigns.schema.sensors import sensor_parts
 from wil_campaign.campaigns.setup.autonomy_under_test import shipped_autonomies
+from wil_campaign.foundation.files.documents import BadInput, load
 from wil_campaign.installed_plugins import installed
 from wil_campaign.orchestrator.cli.standard_streams import out
 from wil_campaign.orchestrator.cli.text_table import table
@@ -25,7 +26,6 @@ from wil_campaign.safety.oracles.oracle_docs import (
 )
 from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.vehicles.readings import sensor_names
-from wil_campaign.worlds.files.documents import BadInput, load
 
 What = Literal["campaigns", "operators", "autonomies", "oracles", "signals", "sensors", "plugins"]
 Row = dict[str, Any]

@@ -6,10 +6,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from wil_campaign.foundation.files.problems import printable
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.report.ordered_report import report as write_whole_report
-from wil_campaign.worlds.files.problems import printable
 
 _SHOWN = 10
 

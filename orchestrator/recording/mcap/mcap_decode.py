@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wil_campaign.foundation.files.images import decode_image
 from wil_campaign.orchestrator.recording.mcap.mcap_json import (
     Json,
     bytes_of,
@@ -30,7 +31,6 @@ from wil_campaign.vehicles.readings import (
 )
 from wil_campaign.vehicles.readings.numbers import number_fields
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.files.images import decode_image
 from wil_campaign.worlds.frames import Pose
 
 Parts = Mapping[str, NDArray[Any]]

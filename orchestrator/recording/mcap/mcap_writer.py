@@ -15,7 +15,8 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Self
 
-from wil_campaign.orchestrator.model.clock import Clock
+from wil_campaign.foundation.background_file import patience
+from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.orchestrator.recording.mcap.mcap_encode import (
     LOG,
     Channel,
@@ -27,7 +28,6 @@ from wil_campaign.orchestrator.recording.mcap.mcap_file import ChunkedFile
 from wil_campaign.orchestrator.recording.mcap.mcap_json import plain
 from wil_campaign.orchestrator.recording.mcap.mcap_schemas import schema_of
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
-from wil_campaign.vehicles.background_file import patience
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.worlds.camera import CameraMount
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from wil_campaign.foundation.files.documents import Data
 from wil_campaign.orchestrator.reading.judged_motion import JudgedMotion
 from wil_campaign.orchestrator.report.model import Cause, Closeup, Plot, Point
 from wil_campaign.orchestrator.report.reading.curves import curve_of
@@ -14,7 +15,6 @@ from wil_campaign.safety.model import signals
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.worlds.clearance.clearance import ClearanceProbe
-from wil_campaign.worlds.files.documents import Data
 from wil_campaign.worlds.scene.scene import Scene
 
 _BEFORE_S, _AFTER_S = 1.0, 1.5

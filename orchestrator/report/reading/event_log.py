@@ -8,9 +8,9 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+from wil_campaign.foundation.files.limited_json import loads_limited
 from wil_campaign.orchestrator.reading.results_folder import UnreadableError, read_data
 from wil_campaign.orchestrator.report.model import LogEvent
-from wil_campaign.worlds.files.limited_json import loads_limited
 
 MOST_EVENTS = 400
 """Events shown of a run; a vehicle that repeats a message would hide the rest."""

@@ -6,10 +6,10 @@ Only limits that must hold throughout an interval, as each kind of oracle says t
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
+from wil_campaign.foundation.files.documents import Data
 from wil_campaign.orchestrator.report.model import PlotLimit, Point
 from wil_campaign.safety.oracles.oracle import OracleSpec, SignalLimit
 from wil_campaign.safety.oracles.registry import oracle_kinds, own_keys
-from wil_campaign.worlds.files.documents import Data
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ import shapely
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from wil_campaign.foundation.files.documents import Data
 from wil_campaign.orchestrator.report.model import Frame, Mark
 from wil_campaign.orchestrator.report.reading.distances import TimedPose, pose_at
 from wil_campaign.orchestrator.report.reading.outlines import vertices_of
@@ -21,7 +22,6 @@ from wil_campaign.orchestrator.report.reading.world_facts import recorded_body
 from wil_campaign.vehicles.sensors.sensor_spec import MountPart
 from wil_campaign.worlds.camera import CameraMount
 from wil_campaign.worlds.clearance.clearance import ClearanceProbe
-from wil_campaign.worlds.files.documents import Data
 from wil_campaign.worlds.frames import Pose, matrix_from_quat
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 

@@ -8,11 +8,11 @@ from functools import lru_cache
 from pydantic import ValidationError
 
 from wil_campaign.campaigns.schema.vehicles import BodyPart
+from wil_campaign.foundation.files.documents import BadInput, Data
 from wil_campaign.orchestrator.recording.recording_facts import campaign_in, fences_in, world_in
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.oracles.registry import own_keys
 from wil_campaign.vehicles.embedded.physics.contact_world import BODY
-from wil_campaign.worlds.files.documents import BadInput, Data
 from wil_campaign.worlds.frames import Vec3
 from wil_campaign.worlds.scene.parts import BoxShape
 from wil_campaign.worlds.scene.scene import Scene

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from typing import Any
 
+from wil_campaign.foundation.tasks import finish, stop, together
 from wil_campaign.orchestrator.run.flight.run_parts import FlightParts
 from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
 from wil_campaign.orchestrator.run.perception.autonomy_runner import AutonomyRunner
@@ -19,7 +20,6 @@ from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.recipes.working import StepError
 from wil_campaign.safety.guard.core.events import GuardEvent, decisive
 from wil_campaign.vehicles.errors import VehicleError
-from wil_campaign.vehicles.tasks import finish, stop, together
 
 _LANDINGS = 3
 """How often a landing is started when an internal exception interrupts it."""

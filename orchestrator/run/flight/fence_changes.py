@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from typing import get_args
 
 from wil_campaign.campaigns.setup.vehicle_fences import changed_fences
+from wil_campaign.foundation.files.documents import BadInput
+from wil_campaign.foundation.tasks import start, stop
 from wil_campaign.orchestrator.run.vehicles.onboard_fences import OnboardFences
 from wil_campaign.safety.fence.fence_files import parse_fence_file
 from wil_campaign.safety.fence.geofence import Fence
@@ -13,8 +15,6 @@ from wil_campaign.safety.guard.core.events import Cause, GuardEvent, is_about_fe
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.guard import Guard
 from wil_campaign.vehicles.errors import VehicleError
-from wil_campaign.vehicles.tasks import start, stop
-from wil_campaign.worlds.files.documents import BadInput
 from wil_campaign.worlds.geodesy import LocalFrame
 
 _REPLY_TIMEOUT_S = 2.0

@@ -7,7 +7,8 @@ from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
-from wil_campaign.orchestrator.model.clock import run_on
+from wil_campaign.foundation.clocks.virtual_loop import run_on
+from wil_campaign.foundation.tasks import FAULTS, TakeFault, TaskAccount, asked_to_end
 from wil_campaign.orchestrator.model.faults import fault_log
 from wil_campaign.orchestrator.model.operator_command import Inbox
 from wil_campaign.orchestrator.model.progress import Report
@@ -31,7 +32,6 @@ from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.recipes.working import StepError
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.links.link import LinkError
-from wil_campaign.vehicles.tasks import FAULTS, TakeFault, TaskAccount, asked_to_end
 
 Disturb = Callable[[Pair, RunState], None]
 """Called with the pair once it is open; injects faults at its own times: kill, mute, break."""

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TypeVar, cast, get_args
 
+from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.orchestrator.model.results import FenceChange
 from wil_campaign.orchestrator.model.twin_results import DropOut
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
@@ -32,11 +33,10 @@ from wil_campaign.safety.model.samples import (
     StateSample,
 )
 from wil_campaign.safety.model.samples import Stage as JudgedStage
-from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
 from wil_campaign.vehicles.driver.onboard.gps_receiver import GroundSpeed
 from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent, VehicleState
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
 from wil_campaign.vehicles.poses.headings import HeadingDifference
+from wil_campaign.vehicles.poses.truth import TruthSample
 
 _EVERY_S = 0.02
 _EARLY_S = 0.008

@@ -15,9 +15,9 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from wil_campaign.campaigns.values.autonomy_limits import LONGEST_CALL_S
+from wil_campaign.foundation.files.problems import printable
 from wil_campaign.vehicles.autonomy import Command
 from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
-from wil_campaign.worlds.files.problems import printable
 from wil_campaign.worlds.frames import Vec3
 
 T = TypeVar("T")

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from queue import SimpleQueue
 from typing import Protocol
 
+from wil_campaign.foundation.processes.linux import processor_wait_s
 from wil_campaign.orchestrator.model.call_marker import calling
 from wil_campaign.orchestrator.run.perception.autonomy_calls import (
     AutonomyFault,
@@ -27,7 +28,6 @@ from wil_campaign.orchestrator.run.perception.autonomy_calls import (
     require_run,
 )
 from wil_campaign.vehicles.autonomy import Command
-from wil_campaign.vehicles.processes.linux import processor_wait_s
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.vehicles.readings.copies import copied
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from wil_campaign.campaigns.values.autonomy_limits import AutonomyLimits
-from wil_campaign.vehicles.process_memory import resident_mb
+from wil_campaign.foundation.processes.process_memory import resident_mb
 
 _BACKSTOP = 2.0
 """Times the limit at which the kernel refuses memory: landing the vehicles needs some, too."""

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable
 
+from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.orchestrator.model.external_results import ProgramResult
 from wil_campaign.orchestrator.model.results import SlowAutonomy
 from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
@@ -18,7 +19,6 @@ from wil_campaign.orchestrator.run.perception.stray_errors import StrayErrors, d
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.autonomy import Autonomy, PerceivesRaw
-from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.vehicles.setpoints import Setpoint
 

@@ -5,13 +5,14 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.orchestrator.run.perception.mixing_statistics import MixingStatistics
 from wil_campaign.orchestrator.run.perception.visibility import VisibilityProbe
 from wil_campaign.orchestrator.state.mixtures import MixedFrame
 from wil_campaign.recipes.pipeline.mixture import Mixed
 from wil_campaign.recipes.pipeline.pipeline import Mixer
 from wil_campaign.recipes.pipeline.pose_alignment import align_pose
-from wil_campaign.vehicles.cameras.rendered_cameras import NoImageError, sleep_until
+from wil_campaign.vehicles.cameras.rendered_cameras import NoImageError
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
 from wil_campaign.vehicles.readings import (
     CameraReading,

@@ -7,6 +7,7 @@ import asyncio
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
+from wil_campaign.foundation.tasks import stop
 from wil_campaign.orchestrator.run.perception.mixing_budget import MixingBudgetWatch
 from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop
 from wil_campaign.orchestrator.run.perception.mixing_statistics import MixingStatistics
@@ -18,7 +19,6 @@ from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.faults import FaultySignal
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.vehicles.sensors.sensor_streams import Stream
-from wil_campaign.vehicles.tasks import stop
 
 Take = Callable[[Reading], None]
 

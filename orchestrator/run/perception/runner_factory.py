@@ -8,6 +8,8 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 
+from wil_campaign.foundation.clocks.sleeping import sleep_until
+from wil_campaign.foundation.processes.process_memory import limited_allocation
 from wil_campaign.hooks import autonomy_kinds
 from wil_campaign.installed_plugins import added, load
 from wil_campaign.orchestrator.run.perception.autonomy_calls import (
@@ -25,9 +27,7 @@ from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.autonomy import Autonomy
-from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
 from wil_campaign.vehicles.coupling import following_setpoint
-from wil_campaign.vehicles.process_memory import limited_allocation
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.vehicles.setpoints import Setpoint, VelocitySetpoint
 from wil_campaign.worlds.frames import scale, subtract

@@ -30,7 +30,7 @@ from wil_campaign.vehicles.cameras.rendered_cameras import (
     RenderedCamera,
     inline,
 )
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.readings.copies import restamp_reading
 from wil_campaign.vehicles.readings.kinds import sensor_specs
 from wil_campaign.vehicles.sensors.depth import DEPTH_NOISES, DepthSensor

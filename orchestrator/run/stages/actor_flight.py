@@ -11,16 +11,16 @@ from itertools import pairwise
 
 from wil_campaign.campaigns.setup.actor_setups import ActorSetup
 from wil_campaign.campaigns.setup.case_setup import SyncSetup
+from wil_campaign.foundation.clocks.sleeping import sleep_until
+from wil_campaign.foundation.tasks import stop, together
 from wil_campaign.orchestrator.model.results import ActorResult
 from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
-from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
-from wil_campaign.vehicles.tasks import stop, together
 from wil_campaign.worlds.figures import distinct_text
 from wil_campaign.worlds.frames import Pose, Vec3, add, norm, scale, subtract
 from wil_campaign.worlds.scene.motion import Leg, Motion

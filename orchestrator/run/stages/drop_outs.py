@@ -3,10 +3,10 @@
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable
 
+from wil_campaign.foundation.tasks import raising_first_of
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.errors import VehicleError
-from wil_campaign.vehicles.tasks import raising_first_of
 
 
 async def unless_out(

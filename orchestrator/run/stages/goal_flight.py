@@ -4,11 +4,11 @@ import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from wil_campaign.foundation.tasks import stop, together
 from wil_campaign.orchestrator.run.perception.runner_factory import AnyRunner
 from wil_campaign.orchestrator.run.stages.drop_outs import unless_out
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.safety.model.verdict import GOAL_TIMEOUT
-from wil_campaign.vehicles.tasks import stop, together
 
 _OTHERS_S = 2.0
 """How much longer than the real vehicle the twin may take to be done."""

@@ -3,10 +3,10 @@
 import asyncio
 from collections.abc import Awaitable, Callable
 
+from wil_campaign.foundation.tasks import start, stop
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
 from wil_campaign.safety.guard.core.events import GuardEvent, brings_down
 from wil_campaign.vehicles.errors import VehicleError
-from wil_campaign.vehicles.tasks import start, stop
 
 Do = Callable[[], Awaitable[object]]
 

@@ -5,6 +5,8 @@ from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import suppress
 
 from wil_campaign.campaigns.setup.case_setup import SyncSetup
+from wil_campaign.foundation.clocks.sleeping import sleep_until
+from wil_campaign.foundation.tasks import stop, together
 from wil_campaign.orchestrator.model.liftoff_delays import staggers_s
 from wil_campaign.orchestrator.model.results import NOT_ARMED
 from wil_campaign.orchestrator.run.stages.distinct_vehicles import require_distinct
@@ -13,10 +15,8 @@ from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
-from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.setpoints import PositionSetpoint
-from wil_campaign.vehicles.tasks import stop, together
 
 _SETTLED_S = 0.5
 """How long a vehicle has to stay at height before it counts as there."""

@@ -7,9 +7,8 @@ from wil_campaign.orchestrator.model.results import SyncResult
 from wil_campaign.orchestrator.state.liftoff_detector import LiftoffDetector
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
-from wil_campaign.safety.guard.core.frame_filter import command_of
-from wil_campaign.safety.guard.core.mavlink_fields import NAV_TAKEOFF
 from wil_campaign.safety.guard.local_guard import Record
+from wil_campaign.vehicles.mavlink.fields import NAV_TAKEOFF, command_of
 from wil_campaign.vehicles.mavlink.framing import frame_header
 from wil_campaign.worlds.figures import distinct_text
 

@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 from itertools import groupby
 from operator import itemgetter
 
+from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.orchestrator.model.results import percentiles
 from wil_campaign.orchestrator.model.twin_results import DropOut, TwinResult
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
-from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
 from wil_campaign.vehicles.coupling import Coupling
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
 from wil_campaign.worlds.figures import distinct_text

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import shapely
 
+from wil_campaign.foundation.tasks import raising_first_of
 from wil_campaign.orchestrator.run.vehicles.preflight_checks import (
     ceiling_above_home_m,
     lower_return,
@@ -25,7 +26,6 @@ from wil_campaign.vehicles.driver.onboard.onboard_fence import OnboardFence
 from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterValue
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.mavlink.fence_areas import FenceArea, FenceCircle, FencePolygon, Place
-from wil_campaign.vehicles.tasks import raising_first_of
 from wil_campaign.worlds.frames import Vec3
 
 _QUARTER = 6

@@ -19,8 +19,8 @@ from wil_campaign.safety.guard.local_guard import Record
 from wil_campaign.vehicles.command_backends import command_backend_of
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
 from wil_campaign.vehicles.links.tapped import TappedLink
+from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.worlds.scene.track import Track
 
 _UNJUDGED_TRUTH_HZ = 50.0

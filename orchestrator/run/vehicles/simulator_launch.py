@@ -6,11 +6,11 @@ from contextlib import AsyncExitStack
 from dataclasses import replace
 
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup, SitlLaunch
+from wil_campaign.foundation.tasks import start, stop
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
 from wil_campaign.vehicles.launch.launch_plan import Home
 from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch
-from wil_campaign.vehicles.tasks import start, stop
 
 _READY_S = 60.0
 """Start time limit: a loaded machine, or a container image that starts cold."""

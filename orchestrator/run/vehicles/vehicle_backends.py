@@ -7,6 +7,7 @@ from contextlib import AsyncExitStack
 from typing import Literal, Protocol
 
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
+from wil_campaign.foundation.tasks import start, stop
 from wil_campaign.orchestrator.run.vehicles.simulator_launch import start_simulators
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.safety.evaluation.judge import ground_objects
@@ -14,7 +15,6 @@ from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
 from wil_campaign.vehicles.autopilots.failsafes import SILENCE_PARAMETERS
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.physics.contact_world import SceneContactWorld, as_argument
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
 from wil_campaign.vehicles.embedded.process.embedded_launch import FeedClient
 from wil_campaign.vehicles.embedded.process.process_settings import (
     ContactWorldSettings,
@@ -25,9 +25,9 @@ from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.processes.vehicle_server_process import vehicle_program
+from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.readings import PoseReading
-from wil_campaign.vehicles.tasks import start, stop
+from wil_campaign.vehicles.vehicle_server_process import vehicle_program
 from wil_campaign.worlds.scene.track import Track
 
 _LINK_LATENCY_S = 0.003

@@ -11,6 +11,7 @@ from multiprocessing.connection import Listener
 from pathlib import Path
 
 from wil_campaign.campaigns.setup.bench_file import Bench, load_benches
+from wil_campaign.foundation.files.problems import printable
 from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import TakenError
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
@@ -29,7 +30,6 @@ from wil_campaign.plugins.cluster.bench.bench_server import BenchServer
 from wil_campaign.plugins.cluster.node_messages import ConsentAnswer, ConsentAsked
 from wil_campaign.plugins.cluster.ray_engine import engine_address
 from wil_campaign.safety.guard.process.runtime_folder import open_runtime_folder
-from wil_campaign.worlds.files.problems import printable
 
 
 def consent_at_bench(bench: Bench, request: ConsentAsked) -> ConsentAnswer:

@@ -17,6 +17,7 @@ from typing import Any
 
 from wil_campaign.campaigns.schema.bench import BenchRequestPart
 from wil_campaign.campaigns.setup.bench_file import Bench, read_bench
+from wil_campaign.foundation.files.documents import Document, parse
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.plugins.cluster.bench.bench_messages import FILE, SOCKET_VARIABLE, TEXT
 from wil_campaign.plugins.cluster.bench.bench_resources import (
@@ -30,7 +31,6 @@ from wil_campaign.plugins.cluster.node_messages import ConsentAnswer, ConsentAsk
 from wil_campaign.plugins.cluster.ray_agents import HiredAgent, fit_facts
 from wil_campaign.plugins.cluster.ray_engine import RayEngine, running_ray
 from wil_campaign.plugins.cluster.store import Store
-from wil_campaign.worlds.files.documents import Document, parse
 
 
 class BenchAgent(PipeAgent):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, Options
 from wil_campaign.campaigns.schema.bench import BenchRequestPart
+from wil_campaign.foundation.files.documents import Document
 from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import require_writable
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
@@ -19,7 +20,6 @@ from wil_campaign.plugins.cluster.bench.bench_engine import HiredBench, bench_of
 from wil_campaign.plugins.cluster.cluster_engine import store_of_results
 from wil_campaign.plugins.cluster.node_messages import ConsentAsked
 from wil_campaign.plugins.cluster.ray_engine import engine_address
-from wil_campaign.worlds.files.documents import Document
 
 
 @contextmanager

@@ -18,10 +18,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from wil_campaign.campaigns.setup.bench_file import BenchFacts
+from wil_campaign.foundation.processes.linux import die_with_parent
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.plugins.cluster.bench.bench_messages import SOCKET_VARIABLE
 from wil_campaign.plugins.cluster.bench.bench_resources import resources_of
-from wil_campaign.vehicles.processes.linux import die_with_parent
 
 _JOIN_S = 90.0
 _POLL_S = 0.5

@@ -14,7 +14,7 @@ from urllib.parse import quote, unquote
 from wil_campaign.campaigns.schema.bench import BenchRequestPart, PropertyValue
 from wil_campaign.campaigns.setup.bench_file import BenchFacts
 from wil_campaign.campaigns.setup.bench_resolution import fitting_benches, no_bench
-from wil_campaign.worlds.files.documents import BadInput, Document
+from wil_campaign.foundation.files.documents import BadInput, Document
 
 _BENCH, _PROPERTY = "bench:", "bench_property:"
 

@@ -9,11 +9,11 @@ from typing import IO, TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from wil_campaign.foundation.files.paths import exists, is_file, is_folder
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.model.document_writer import sync_folder
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.plugins.ros2.ros2_part import INSTALL, Distribution
-from wil_campaign.worlds.files.paths import exists, is_file, is_folder
 
 if TYPE_CHECKING:
     from wil_campaign.plugins.ros2.bags.recorded_bag import WrittenBag

@@ -16,6 +16,7 @@ from typing import IO, get_args
 from mcap.records import Channel, Message, Metadata
 from mcap.writer import CompressionType, Writer
 
+from wil_campaign.foundation.files.limited_json import loads_limited
 from wil_campaign.orchestrator.model.results_reader import ResultError, read_result
 from wil_campaign.orchestrator.reading.trajectory_file import Row, read_trajectory
 from wil_campaign.orchestrator.recording.errors import RecordingError
@@ -47,7 +48,6 @@ from wil_campaign.plugins.ros2.messages.topics import (
     sensor_topics,
 )
 from wil_campaign.safety.model.verdict import DecisiveKind
-from wil_campaign.worlds.files.limited_json import loads_limited
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose, quat_from_euler
 
 _UNLIMITED = "{sec: 9223372036, nsec: 854775807}"

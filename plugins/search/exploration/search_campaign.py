@@ -13,11 +13,11 @@ from wil_campaign.campaigns.setup.case_files import CaseFiles, case_files
 from wil_campaign.campaigns.setup.case_setup import Setup
 from wil_campaign.campaigns.setup.overrides import Override
 from wil_campaign.campaigns.values.seeds import run_seed
+from wil_campaign.foundation.files.documents import BadInput, Document, parse_value
 from wil_campaign.plugins.search.exploration.model import Batch, Flight, SearchProblem, Variant
 from wil_campaign.plugins.search.exploration.objective import Objective
 from wil_campaign.plugins.search.exploration.space import Space, Values
 from wil_campaign.plugins.search.search_part import ParameterValue, SearchPart
-from wil_campaign.worlds.files.documents import BadInput, Document, parse_value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

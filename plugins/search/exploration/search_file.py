@@ -18,6 +18,18 @@ from wil_campaign.campaigns.schema import Mode, matrix_keys
 from wil_campaign.campaigns.setup.bench_resolution import completion_of
 from wil_campaign.campaigns.setup.case_files import CaseFiles, case_files
 from wil_campaign.campaigns.setup.overrides import Override, override_from_option, overrides_of_case
+from wil_campaign.foundation.files.documents import (
+    BadInput,
+    Document,
+    Entry,
+    Path,
+    Problem,
+    check,
+    closest,
+    load,
+)
+from wil_campaign.foundation.files.problems import unit_of
+from wil_campaign.foundation.files.yaml_nodes import Node, Place, mapping_node
 from wil_campaign.plugins.search.exploration.constraints import Constraint, parse_constraint
 from wil_campaign.plugins.search.exploration.coverage import admissible_shares
 from wil_campaign.plugins.search.exploration.objective import (
@@ -30,18 +42,6 @@ from wil_campaign.plugins.search.exploration.space import Parameter, Space
 from wil_campaign.plugins.search.search_part import ParameterPart, ParameterValue, SearchPart
 from wil_campaign.plugins.stl.formula import StlError
 from wil_campaign.plugins.stl.units import SignalKind
-from wil_campaign.worlds.files.documents import (
-    BadInput,
-    Document,
-    Entry,
-    Path,
-    Problem,
-    check,
-    closest,
-    load,
-)
-from wil_campaign.worlds.files.problems import unit_of
-from wil_campaign.worlds.files.yaml_nodes import Node, Place, mapping_node
 
 _AT: Path = ("search",)
 

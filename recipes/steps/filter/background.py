@@ -7,13 +7,13 @@ import cv2
 import numpy as np
 from pydantic import Field, model_validator
 
+from wil_campaign.foundation.files.documents import KeyFaultError
+from wil_campaign.foundation.files.images import ImageError, read_image
+from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.recipes.model.registry import Context, ParameterFault, SidedParameters, step
 from wil_campaign.recipes.operations.masks import intersect_masks
 from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, Mask
-from wil_campaign.worlds.files.documents import KeyFaultError
-from wil_campaign.worlds.files.images import ImageError, read_image
-from wil_campaign.worlds.files.paths import is_file
 
 Work = Masked[CameraReading]
 

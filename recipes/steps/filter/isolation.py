@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from wil_campaign.foundation.files.documents import KeyFaultError, Part, Path, closest
 from wil_campaign.recipes.model.registry import Context, SidedParameters, step
 from wil_campaign.recipes.operations.masks import intersect_masks
 from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator
@@ -17,7 +18,6 @@ from wil_campaign.vehicles.readings import (
     LidarScanReading,
     Mask,
 )
-from wil_campaign.worlds.files.documents import KeyFaultError, Part, Path, closest
 
 Identified = CameraReading | DepthReading | LidarScanReading | LidarPointsReading
 

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
+from wil_campaign.foundation.files.documents import Part
 from wil_campaign.recipes.model.registry import Context, SidedParameters, step
 from wil_campaign.recipes.operations.masks import intersect_masks, narrow_mask
 from wil_campaign.recipes.operations.optics import ImageReading, size_of
 from wil_campaign.recipes.operations.step_parameters import IMAGE_SENSORS, PAIR, Fraction
 from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator
 from wil_campaign.vehicles.readings import LidarPointsReading, LidarScanReading, Mask
-from wil_campaign.worlds.files.documents import Part
 
 Point = Annotated[list[Fraction], PAIR]
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
+from wil_campaign.foundation.files.documents import KeyFaultError, Part, closest
 from wil_campaign.recipes.model.registry import EVERY_SENSOR, Context, StepParameters, step
 from wil_campaign.recipes.operations.masks import kept_elements
 from wil_campaign.recipes.operations.optics import size_of
@@ -26,7 +27,6 @@ from wil_campaign.vehicles.readings import (
     sensor_names,
     sensor_type_of,
 )
-from wil_campaign.worlds.files.documents import KeyFaultError, Part, closest
 
 Bools = NDArray[np.bool_]
 

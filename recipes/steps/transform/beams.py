@@ -5,13 +5,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from wil_campaign.foundation.files.documents import Part
 from wil_campaign.recipes.model.registry import Context, SidedParameters, step
 from wil_campaign.recipes.operations.scans import with_beams
 from wil_campaign.recipes.operations.step_parameters import Degrees
 from wil_campaign.recipes.steps.transform.geometry import refuse_own
 from wil_campaign.recipes.working import CannotMixError, Masked, Operator
 from wil_campaign.vehicles.readings import LidarScanReading
-from wil_campaign.worlds.files.documents import Part
 
 Work = Masked[LidarScanReading]
 

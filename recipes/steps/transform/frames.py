@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from pydantic import model_validator
 
+from wil_campaign.foundation.files.documents import Part
 from wil_campaign.recipes.model.registry import Context, SidedParameters, step
 from wil_campaign.recipes.operations.step_parameters import Degrees, Metres, RotationPart
 from wil_campaign.recipes.steps.transform.geometry import refuse_own
@@ -19,7 +20,6 @@ from wil_campaign.vehicles.readings import (
     PoseReading,
     Reading,
 )
-from wil_campaign.worlds.files.documents import Part
 from wil_campaign.worlds.frames import (
     Pose,
     Quat,

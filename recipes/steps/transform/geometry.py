@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
+from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.recipes.model.registry import Context, SidedParameters, step
 from wil_campaign.recipes.operations.optics import (
     Aspect,
@@ -20,7 +21,6 @@ from wil_campaign.recipes.operations.step_parameters import (
     SizePx,
 )
 from wil_campaign.recipes.working import CannotMixError, DropReason, Masked, Operator, Side
-from wil_campaign.worlds.files.documents import KeyFaultError, Part
 from wil_campaign.worlds.frames import IDENTITY
 
 Work = Masked[ImageReading]

@@ -1,8 +1,6 @@
 """Classifies MAVLink frames: which ones the guard forwards, and which ones take control."""
 
-from wil_campaign.safety.guard.core.mavlink_fields import (
-    COMMAND_INT,
-    COMMAND_LONG,
+from wil_campaign.vehicles.mavlink.fields import (
     DO_ORBIT,
     DO_PARACHUTE,
     DO_PAUSE_CONTINUE,
@@ -18,8 +16,7 @@ from wil_campaign.safety.guard.core.mavlink_fields import (
     OVERRIDE_GOTO,
     PARAM_SET,
     SET_MODE,
-    Command,
-    read_command,
+    command_of,
     read_file_operation,
     read_parameter,
     read_target,
@@ -110,11 +107,6 @@ _STICKS_AT = {69: 10, 70: 16}
 
 _TARGET_AT = {SET_MODE: 4, 82: 36, 84: 50, 86: 50}
 """The offset of the target system in the payloads of SET_MODE and of setpoints."""
-
-
-def command_of(frame: Frame) -> Command | None:
-    """Return the command in a MAVLink frame; None when it has none."""
-    return read_command(frame) if frame.message_id in {COMMAND_LONG, COMMAND_INT} else None
 
 
 def is_harmless(frame: Frame, *, configures: bool) -> bool:

@@ -25,26 +25,26 @@ from wil_campaign.safety.guard.core.events import (
 )
 from wil_campaign.safety.guard.core.fence_exchange import refusal_of_changes
 from wil_campaign.safety.guard.core.frame_filter import (
-    command_of,
     frame_name,
     is_control,
     is_harmless,
     is_stick_input,
     only_reads,
 )
-from wil_campaign.safety.guard.core.mavlink_fields import (
+from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.core.setpoint_frames import SETPOINTS
+from wil_campaign.safety.guard.core.vehicle_supervisor import SupervisedVehicle
+from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.vehicles.autopilots.autopilot import own_heartbeat
+from wil_campaign.vehicles.mavlink.fields import (
     COMMAND_INT,
     COMMAND_LONG,
     EXTENDED_SYS_STATE,
     HEARTBEAT,
     LOCAL_POSITION_NED,
     SET_MODE,
+    command_of,
 )
-from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-from wil_campaign.safety.guard.core.setpoint_frames import SETPOINTS
-from wil_campaign.safety.guard.core.vehicle_supervisor import SupervisedVehicle
-from wil_campaign.safety.model.samples import PoseSample
-from wil_campaign.vehicles.autopilots.autopilot import own_heartbeat
 from wil_campaign.vehicles.mavlink.framing import Frame
 from wil_campaign.vehicles.poses.anchor import Anchor
 from wil_campaign.worlds.frames import Vec3

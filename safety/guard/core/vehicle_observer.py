@@ -8,7 +8,9 @@ from wil_campaign.safety.fence.stopping import AccelerationEstimate, Motion
 from wil_campaign.safety.guard.core.contingency import Facts
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
 from wil_campaign.safety.guard.core.frozen_source import FrozenSource
-from wil_campaign.safety.guard.core.mavlink_fields import (
+from wil_campaign.safety.guard.core.velocity_command import VelocityCommand
+from wil_campaign.vehicles.autopilots.autopilot import Mode
+from wil_campaign.vehicles.mavlink.fields import (
     EXTENDED_SYS_STATE,
     HEARTBEAT,
     LOCAL_POSITION_NED,
@@ -18,8 +20,6 @@ from wil_campaign.safety.guard.core.mavlink_fields import (
     read_landed,
     read_local_position,
 )
-from wil_campaign.safety.guard.core.velocity_command import VelocityCommand
-from wil_campaign.vehicles.autopilots.autopilot import Mode
 from wil_campaign.vehicles.mavlink.framing import Frame
 from wil_campaign.vehicles.poses.anchor import Anchor
 from wil_campaign.vehicles.setpoints import Setpoint

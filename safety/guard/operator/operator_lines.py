@@ -12,8 +12,8 @@ import json
 from collections.abc import Mapping
 from typing import Any, Literal, cast, get_args
 
+from wil_campaign.foundation.files.problems import is_encodable
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand, OperatorKind
-from wil_campaign.worlds.files.problems import is_encodable
 
 LONGEST_LINE_BYTES = 1 << 16
 _LONGEST_WHO = 64

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Self
 
+from wil_campaign.foundation.processes.linux import UnsupportedSystemError, peer_uid
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_lines import (
     LONGEST_LINE_BYTES,
@@ -23,7 +24,6 @@ from wil_campaign.safety.guard.operator.operator_lines import (
     parse_line,
 )
 from wil_campaign.safety.guard.operator.rate_limit import RateLimit
-from wil_campaign.vehicles.processes.linux import UnsupportedSystemError, peer_uid
 
 POINTER = "operator.json"
 """The file in a results folder with the socket's path; the folder's own may be too long for one."""

@@ -6,9 +6,9 @@ from collections import deque
 from collections.abc import Callable, Hashable
 from typing import Generic, TypeVar
 
+from wil_campaign.foundation.clocks.paced_loop import call_wall_later
+from wil_campaign.foundation.processes.codec import Codec, Message, MessageError
 from wil_campaign.safety.guard.process.messages import Bytes, FrameSent, Position
-from wil_campaign.vehicles.clocks.paced_loop import call_wall_later
-from wil_campaign.vehicles.processes.codec import Codec, Message, MessageError
 
 _BUFFER_BYTES = 1 << 20
 LONGEST_PACKET_BYTES = 1 << 17

@@ -4,13 +4,13 @@ import asyncio
 from collections.abc import Sequence
 from typing import Any, Self
 
+from wil_campaign.foundation.processes.codec import Message
 from wil_campaign.safety.guard.process.channel import LONGEST_PACKET_BYTES, Channel
 from wil_campaign.safety.guard.process.messages import Bytes, Unread
 from wil_campaign.vehicles.autopilots.autopilot import Target
 from wil_campaign.vehicles.driver.session.arrivals import Arrivals
 from wil_campaign.vehicles.links.link import ReceivingLink, TimesReceiver
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter
-from wil_campaign.vehicles.processes.codec import Message
 
 _LONGEST_BYTES = LONGEST_PACKET_BYTES // 2
 """Of one message; what a link hands over beyond it at once goes in parts."""

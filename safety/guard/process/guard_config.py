@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import cast
 
+from wil_campaign.foundation.processes.codec import Codec, MessageError
 from wil_campaign.safety.fence.fence_values import fence_of_plain, plain_fence
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.contingency import ContingencyPlan
@@ -13,7 +14,6 @@ from wil_campaign.safety.guard.process.run_clock import PaceSetup
 from wil_campaign.vehicles.autopilots.autopilot import Autopilot, AutopilotName
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.links.link_conditions import LinkConditions
-from wil_campaign.vehicles.processes.codec import Codec, MessageError
 
 
 class GuardConfigError(ValueError):

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import IO
 
+from wil_campaign.foundation.processes.child import ChildProcess
 from wil_campaign.safety.guard.process.channel import channel_pair
 from wil_campaign.safety.guard.process.guard_stderr import open_stderr
 from wil_campaign.vehicles.links.link import LinkError
-from wil_campaign.vehicles.processes.child import ChildProcess
-from wil_campaign.vehicles.processes.vehicle_server_process import vehicle_server
+from wil_campaign.vehicles.vehicle_server_process import vehicle_server
 
 SCALED = "scaled"
 """A further argument of a guard whose clock may be led."""

@@ -3,8 +3,8 @@
 import json
 from pathlib import Path
 
-from wil_campaign.vehicles.background_file import BackgroundFile
-from wil_campaign.vehicles.processes.linux import rise_above_load
+from wil_campaign.foundation.background_file import BackgroundFile
+from wil_campaign.foundation.processes.linux import rise_above_load
 
 
 def guard_file(path: Path, *, append: bool = False) -> BackgroundFile:

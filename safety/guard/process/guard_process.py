@@ -23,6 +23,14 @@ from pathlib import Path
 from traceback import format_exception
 from typing import Any
 
+from wil_campaign.foundation.clocks.paced_loop import PacedLoop, call_wall_later
+from wil_campaign.foundation.clocks.quick_loop import quick_loop
+from wil_campaign.foundation.processes.child import ChildProcess, how_it_ended
+from wil_campaign.foundation.processes.clock_socket import clock_environment
+from wil_campaign.foundation.processes.fork_server import ForkServer
+from wil_campaign.foundation.processes.identity import ProcessId
+from wil_campaign.foundation.processes.linux import rise_above_load, stay_in_memory
+from wil_campaign.foundation.tasks import FAULTS, TaskAccount, start
 from wil_campaign.safety.guard.core.events import EventKind, GuardEvent, unrecorded
 from wil_campaign.safety.guard.local_guard import GuardLinks, LocalGuard
 from wil_campaign.safety.guard.operator.operator_requests import OperatorOrders
@@ -76,19 +84,11 @@ from wil_campaign.safety.guard.process.runtime_folder import (
     runtime_folders,
     sweep,
 )
-from wil_campaign.vehicles.clocks.paced_loop import PacedLoop, call_wall_later
-from wil_campaign.vehicles.clocks.quick_loop import quick_loop
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.mavlink.tlog import TlogWriter
 from wil_campaign.vehicles.poses.anchor import Anchor
-from wil_campaign.vehicles.processes.child import ChildProcess, how_it_ended
-from wil_campaign.vehicles.processes.clock_socket import clock_environment
-from wil_campaign.vehicles.processes.fork_server import ForkServer
-from wil_campaign.vehicles.processes.identity import ProcessId
-from wil_campaign.vehicles.processes.linux import rise_above_load, stay_in_memory
-from wil_campaign.vehicles.processes.vehicle_server_process import vehicle_program
-from wil_campaign.vehicles.tasks import FAULTS, TaskAccount, start
+from wil_campaign.vehicles.vehicle_server_process import vehicle_program
 
 _log = logging.getLogger(__name__)
 

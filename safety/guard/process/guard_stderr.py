@@ -11,7 +11,7 @@ from queue import SimpleQueue
 from threading import Thread
 from typing import IO, TextIO
 
-from wil_campaign.vehicles.processes.linux import rise_above_load
+from wil_campaign.foundation.processes.linux import rise_above_load
 
 _NAME = "guard.stderr"
 _LONGEST = 2000

@@ -1,6 +1,6 @@
 """Leads the scaled clock where all vehicles follow it: guard, orchestrator, vehicles in lockstep.
 
-Time waits for the process that is late, as `vehicles/clocks/lockstep.py` has it. One that hangs is
+Time waits for the process that is late, as `clocks/lockstep.py` has it. One that hangs is
 found by the wall clock: a vehicle that does not get on for `STALL_S` ends the run. An
 orchestrator that does not is waited for no more, and the guard's watch for its silence sees to the
 rest; once the guard has taken over, time waits for an orchestrator no longer than `HURRY_S`.
@@ -9,11 +9,11 @@ rest; once the guard has taken over, time waits for an orchestrator no longer th
 import time
 from collections.abc import Callable
 
+from wil_campaign.foundation.clocks.lockstep import Lockstep
+from wil_campaign.foundation.clocks.paced_loop import PacedLoop
+from wil_campaign.foundation.clocks.progress import ProgressReporter
+from wil_campaign.foundation.clocks.sim_clock_controller import STALL_S, Segment
 from wil_campaign.safety.guard.process.run_clock import PaceSetup, RunClock, Trouble
-from wil_campaign.vehicles.clocks.lockstep import Lockstep
-from wil_campaign.vehicles.clocks.paced_loop import PacedLoop
-from wil_campaign.vehicles.clocks.progress import ProgressReporter
-from wil_campaign.vehicles.clocks.sim_clock_controller import STALL_S, Segment
 
 ORCHESTRATOR = "orchestrator"
 HURRY_S = 0.5

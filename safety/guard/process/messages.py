@@ -9,12 +9,12 @@ from typing import Annotated
 
 import msgspec
 
+from wil_campaign.foundation.processes.codec import Codec, Finite, Message, Plain
 from wil_campaign.safety.fence.fence_values import fence_of_plain, plain_fence
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.contingency import Phase
 from wil_campaign.safety.guard.core.events import Cause, GuardEvent
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-from wil_campaign.vehicles.processes.codec import Codec, Finite, Message, Plain
 
 FiniteVec3 = tuple[Finite, Finite, Finite]
 

@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack
 from typing import Self
 
-from wil_campaign.safety.guard.core.mavlink_fields import read_heartbeat
 from wil_campaign.safety.guard.process.guard_config import Guarded
 from wil_campaign.vehicles.autopilots.autopilot import Target
 from wil_campaign.vehicles.autopilots.registry import flies
@@ -16,6 +15,7 @@ from wil_campaign.vehicles.links.link import Link, LinkError
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
 from wil_campaign.vehicles.links.udp import UdpLink
+from wil_campaign.vehicles.mavlink.fields import read_heartbeat
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter
 from wil_campaign.vehicles.mavlink.heartbeats import heartbeat_kind
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from wil_campaign.vehicles.processes.identity import ProcessId
+from wil_campaign.foundation.processes.identity import ProcessId
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,10 +4,10 @@ import asyncio
 import time
 from collections.abc import Callable
 
+from wil_campaign.foundation.clocks.paced_loop import PacedLoop
+from wil_campaign.foundation.clocks.progress import ProgressReporter
+from wil_campaign.foundation.clocks.sim_clock_controller import Segment
 from wil_campaign.safety.guard.process.messages import Pace
-from wil_campaign.vehicles.clocks.paced_loop import PacedLoop
-from wil_campaign.vehicles.clocks.progress import ProgressReporter
-from wil_campaign.vehicles.clocks.sim_clock_controller import Segment
 
 _LONGEST_SILENCE_S = 0.5
 """Of wall time: without a further segment from the guard for so long the run clock hangs."""

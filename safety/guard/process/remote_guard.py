@@ -8,6 +8,10 @@ from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Self
 
+from wil_campaign.foundation.clocks.paced_loop import call_wall_later
+from wil_campaign.foundation.processes.feed_socket import feed_environment, feed_pair
+from wil_campaign.foundation.processes.identity import ProcessId
+from wil_campaign.foundation.tasks import Contained, report, start, stop
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.fence.stopping import AccelerationEstimate, Motion
 from wil_campaign.safety.guard.core.contingency import Phase
@@ -49,12 +53,8 @@ from wil_campaign.safety.guard.process.orphaned_links import OrphanedLinks, link
 from wil_campaign.safety.guard.process.remote_clock import RemoteClock
 from wil_campaign.safety.guard.waits import happens
 from wil_campaign.safety.model.samples import PoseSample
-from wil_campaign.vehicles.clocks.paced_loop import call_wall_later
 from wil_campaign.vehicles.links.link import Link, LinkError
 from wil_campaign.vehicles.poses.anchor import Anchor
-from wil_campaign.vehicles.processes.feed_socket import feed_environment, feed_pair
-from wil_campaign.vehicles.processes.identity import ProcessId
-from wil_campaign.vehicles.tasks import Contained, report, start, stop
 
 ALIVE_S = 0.1
 _OPEN_S = 20.0

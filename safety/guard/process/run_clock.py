@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-from wil_campaign.vehicles.clocks.sim_clock_controller import STALL_S, STEP_S, Segment
+from wil_campaign.foundation.clocks.sim_clock_controller import STALL_S, STEP_S, Segment
+from wil_campaign.foundation.processes.clock_socket import ClockSockets
 from wil_campaign.vehicles.links.link import Link
-from wil_campaign.vehicles.processes.clock_socket import ClockSockets
 
 Trouble = Literal["stalled", "apart"]
 

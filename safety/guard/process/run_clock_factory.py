@@ -14,20 +14,20 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any
 
+from wil_campaign.foundation.clocks.pace_trim import PaceTrim
+from wil_campaign.foundation.clocks.paced_loop import PacedLoop
+from wil_campaign.foundation.clocks.sim_clock_controller import (
+    BootTrack,
+    ClockDivergence,
+    Segment,
+    SimClockController,
+)
 from wil_campaign.safety.guard.core.events import GuardedVehicle
 from wil_campaign.safety.guard.process.channel import Channel
 from wil_campaign.safety.guard.process.guard_config import GuardConfig
 from wil_campaign.safety.guard.process.lockstep_clock import LockstepClock
 from wil_campaign.safety.guard.process.messages import Pace
 from wil_campaign.safety.guard.process.run_clock import PacedClock, PaceSetup, RunClock, Trouble
-from wil_campaign.vehicles.clocks.pace_trim import PaceTrim
-from wil_campaign.vehicles.clocks.paced_loop import PacedLoop
-from wil_campaign.vehicles.clocks.sim_clock_controller import (
-    BootTrack,
-    ClockDivergence,
-    Segment,
-    SimClockController,
-)
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.links.tapped import TappedLink
 from wil_campaign.vehicles.mavlink.codec import Codec

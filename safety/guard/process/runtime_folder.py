@@ -10,8 +10,8 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from wil_campaign.vehicles.processes.identity import ProcessId
-from wil_campaign.worlds.files.own_folders import fault_of_folder, home_folder
+from wil_campaign.foundation.files.own_folders import fault_of_folder, home_folder
+from wil_campaign.foundation.processes.identity import ProcessId
 
 _FOLDER = "wil-campaign"
 _LONGEST_BYTES = 107 - len("/pymp-abcdefgh/listener-abcdefgh")

@@ -12,7 +12,7 @@ import pytest
 
 import wil_campaign
 from tests.vehicles.embedded.physics.test_parts import AIRFRAME_NUMBERS
-from tests.vehicles.processes.busy_core import one_busy_core
+from tests.wil_campaign.foundation.processes.busy_core import one_busy_core
 from wil_campaign.campaigns.checks import autonomy_checks
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.safety.oracles.autopilot_health import ModeName

@@ -9,7 +9,7 @@ import pytest
 from wil_campaign import campaigns
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan, load_campaign
 from wil_campaign.campaigns.values.acceptance import Requirement, Share
-from wil_campaign.worlds.files.documents import BadInput
+from wil_campaign.foundation.files.documents import BadInput
 
 SHIPPED = sorted(Path(campaigns.__file__).parent.glob("*.yaml"))
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.campaigns.conftest import CAMPAIGN, RECIPE, WORLD, Files
 from wil_campaign.campaigns.expansion.expansion import load_campaign
-from wil_campaign.worlds.files.documents import BadInput
+from wil_campaign.foundation.files.documents import BadInput
 
 _TOKEN = re.compile(r"[^\s{}\[\],:]+")
 TEXTS = {"campaign.yaml": CAMPAIGN, "world.yaml": WORLD, "recipe.yaml": RECIPE}

@@ -6,7 +6,7 @@ import pytest
 
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.campaigns.setup.actor_setups import ActorSetup
-from wil_campaign.worlds.files.documents import BadInput
+from wil_campaign.foundation.files.documents import BadInput
 
 AVOID = Path(__file__).parents[3] / "campaigns" / "avoid.yaml"
 FLOWN = "actors={intruder: {link: embedded, autopilot: px4}}"

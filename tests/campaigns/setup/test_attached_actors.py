@@ -7,7 +7,7 @@ import pytest
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
 from wil_campaign.campaigns.setup.encounters import encounters
-from wil_campaign.worlds.files.documents import BadInput
+from wil_campaign.foundation.files.documents import BadInput
 
 AVOID = Path(__file__).parents[3] / "campaigns" / "avoid.yaml"
 BOX = "box: {north_m: [%g, %g], east_m: [-1.5, 1.5], up_m: [-0.5, 2.3]}"

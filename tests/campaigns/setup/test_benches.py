@@ -9,8 +9,8 @@ from tests.campaigns.conftest import Files
 from wil_campaign.campaigns.schema.bench import BenchRequestPart
 from wil_campaign.campaigns.setup.bench_file import Bench, load_benches, read_bench
 from wil_campaign.campaigns.setup.bench_resolution import fitting_benches
+from wil_campaign.foundation.files.documents import BadInput, parse
 from wil_campaign.vehicles.links.link_strings import parse_link
-from wil_campaign.worlds.files.documents import BadInput, parse
 
 BENCH = """\
 schema: wil/bench/1

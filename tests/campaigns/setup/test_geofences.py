@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wil_campaign.campaigns.setup.vehicle_fences import changed_fences
+from wil_campaign.foundation.files.documents import BadInput, Problem, parse
 from wil_campaign.safety.fence.areas import FenceError, Polygon
 from wil_campaign.safety.fence.fence_files import parse_fence_file, read_fence_file
 from wil_campaign.safety.fence.fence_schema import FencePart
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.fence.geographic import DrawnFence, GeoCircle, GeoPolygon
-from wil_campaign.worlds.files.documents import BadInput, Problem, parse
 from wil_campaign.worlds.geodesy import LocalFrame
 
 FRAME = LocalFrame(47.4, 8.5, 488.0)

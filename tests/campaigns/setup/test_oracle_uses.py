@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.safety.model.verdict import PARTS
-from wil_campaign.worlds.files.documents import BadInput
 
 ROOT = Path(__file__).parents[3]
 SOURCE = re.compile(r"""source ?= ?f?"([a-z-]+)[./]""")

@@ -16,9 +16,9 @@ from tests.faults.witness import Witness
 from tests.orchestrator.conftest import vehicles_on
 from tests.orchestrator.hover import STILL, WORLD
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.foundation.clocks import virtual_loop as clock
 from wil_campaign.orchestrator.campaign.resuming.lost_runs import lost_result
 from wil_campaign.orchestrator.campaign.workers.local_workers import _lost_by_exception
-from wil_campaign.orchestrator.model import clock
 from wil_campaign.orchestrator.model.exit_codes import exit_code
 from wil_campaign.orchestrator.model.faults import fault_log
 from wil_campaign.orchestrator.model.results import RunResult

@@ -22,6 +22,8 @@ from tests.faults.exceptions.injection import (
     protocols_pass_by,
 )
 from tests.safety.guard.remote_rigs import ROOT, SYSTEMS, RemoteFlight, until, words
+from wil_campaign.foundation.processes.child import ChildProcess
+from wil_campaign.foundation.tasks import TaskAccount
 from wil_campaign.orchestrator.model.faults import Faults, fault_log
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
@@ -29,8 +31,6 @@ from wil_campaign.safety.guard.operator.operator_socket import POINTER
 from wil_campaign.safety.guard.process import guard_launch
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.poses.anchor import Anchor
-from wil_campaign.vehicles.processes.child import ChildProcess
-from wil_campaign.vehicles.tasks import TaskAccount
 
 Side = Literal["guard", "orchestrator"]
 _WIDE = Fence.box(north_m=(-9, 9), east_m=(-9, 9), up_m=(-1, 6))

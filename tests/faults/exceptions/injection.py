@@ -18,7 +18,7 @@ from types import CodeType, FrameType
 from typing import Any, Literal, TypeVarTuple
 from unittest import mock
 
-from wil_campaign.orchestrator.model.clock import VirtualLoop
+from wil_campaign.foundation.clocks.virtual_loop import VirtualLoop
 
 _Ts = TypeVarTuple("_Ts")
 

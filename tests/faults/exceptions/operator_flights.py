@@ -22,6 +22,7 @@ from tests.faults.exceptions.injection import (
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 from tests.plugins.mqtt.test_mqtt_operator import ACCESS, SECRETS, Person
 from tests.ports import free_port
+from wil_campaign.foundation.tasks import TaskAccount
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
 from wil_campaign.orchestrator.model.faults import Faults, fault_log
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
@@ -32,7 +33,6 @@ from wil_campaign.plugins.mqtt.embedded_broker import embedded_broker
 from wil_campaign.plugins.mqtt.mqtt_operator import mqtt_operating
 from wil_campaign.plugins.mqtt.mqtt_setup import MqttSetup
 from wil_campaign.safety.guard.operator.operator_socket import POINTER
-from wil_campaign.vehicles.tasks import TaskAccount
 
 _PATIENCE_S = 10.0
 

@@ -15,6 +15,8 @@ from tests.campaigns.conftest import CAMPAIGN, Files
 from tests.faults.fuzzing.targets import Prepared, Target, by_file
 from tests.orchestrator.report.recorded_campaign import write_campaign
 from wil_campaign.campaigns.expansion.expansion import load_campaign
+from wil_campaign.foundation.files.documents import BadInput, load, parse
+from wil_campaign.foundation.files.images import ImageError, decode_image
 from wil_campaign.orchestrator.model.results_reader import ResultError, read_result
 from wil_campaign.orchestrator.reading.results_folder import UnreadableError
 from wil_campaign.orchestrator.reading.trajectory_file import read_trajectory
@@ -33,8 +35,6 @@ from wil_campaign.vehicles.embedded.profile import ProfileError, load_profile
 from wil_campaign.vehicles.perception.detector import DetectorError, OnnxDetector
 from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.vehicles.sources.cameras.image_files import VideoFile
-from wil_campaign.worlds.files.documents import BadInput, load, parse
-from wil_campaign.worlds.files.images import ImageError, decode_image
 from wil_campaign.worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
 from wil_campaign.worlds.world_file.world import World
 

@@ -16,11 +16,11 @@ from tests.orchestrator.sitl_programs import make_arducopter, make_px4_build, ma
 from tests.orchestrator.wall_runs import SHORT, Program, lines, stages
 from tests.ports import free_port
 from tests.vehicles.embedded.running_vehicle import running_vehicle
+from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link
-from wil_campaign.vehicles.processes.identity import ProcessId
 
 TRUTHS = (("px4", "HIL_STATE_QUATERNION"), ("ardupilot", "SIM_STATE"))
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.campaign.repositioning import Repositioning
-from wil_campaign.orchestrator.model.clock import run_virtual
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 

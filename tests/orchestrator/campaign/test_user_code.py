@@ -13,6 +13,7 @@ import pytest
 from tests.orchestrator.hover import STILL, write_hover
 from wil_campaign.campaigns.checks import autonomy_checks
 from wil_campaign.campaigns.setup.autonomy_under_test import UnderTest
+from wil_campaign.foundation.files.user_modules import forget_user_modules
 from wil_campaign.orchestrator.campaign.workers import run_engine
 from wil_campaign.orchestrator.campaign.workers.run_order import fly_order
 from wil_campaign.orchestrator.cli import main
@@ -20,7 +21,6 @@ from wil_campaign.orchestrator.model.operator_command import Inbox
 from wil_campaign.orchestrator.model.progress import Report
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
-from wil_campaign.worlds.files.user_modules import forget_user_modules
 
 FIVE_WAYS = """\
 import importlib.util

@@ -15,11 +15,11 @@ import pytest
 
 from tests.orchestrator.wall import write_wall
 from tests.ports import free_port
+from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.doctor import installed, links, machine, ports, programs
 from wil_campaign.orchestrator.doctor.findings import Finding, as_text
 from wil_campaign.safety.guard.process.orphaned_processes import GuardRecord
-from wil_campaign.vehicles.processes.identity import ProcessId
 from wil_campaign.worlds.jit import KernelCache
 
 ROOT = Path(__file__).parents[3]

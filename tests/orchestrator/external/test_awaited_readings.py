@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.external.external_readings import ExternalReadings
-from wil_campaign.orchestrator.model.clock import run_virtual
 from wil_campaign.vehicles.sources.camera_source import SourceError
 
 

@@ -3,8 +3,8 @@
 import asyncio
 from typing import Any
 
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.external.external_io import ExternalIo
-from wil_campaign.orchestrator.model.clock import run_virtual
 
 HANGS = "the simulator did not answer in 0.2 s"
 KEY = ("twin", "camera")

@@ -12,6 +12,7 @@ import pytest
 from tests.orchestrator.conftest import ROOT, NoCommands
 from tests.orchestrator.flights import all_landed, log_of
 from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
+from wil_campaign.foundation.files.documents import parse
 from wil_campaign.orchestrator.campaign.between_runs import BetweenRuns
 from wil_campaign.orchestrator.campaign.workers.run_order import fly_order
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
@@ -31,7 +32,6 @@ from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.model.oracle_results import Flag
 from wil_campaign.vehicles.embedded.physics.contact_world import BODY
 from wil_campaign.worlds.clearance.clearance import ClearanceProbe
-from wil_campaign.worlds.files.documents import parse
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.world_file.world import World
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.orchestrator.operator.campaign_records import CampaignRecord
 from wil_campaign.orchestrator.operator.flight_scope import FlightScope
 from wil_campaign.plugins.console.campaign_poller import CampaignPoller
@@ -17,7 +18,6 @@ from wil_campaign.safety.guard.process.orphaned_processes import (
     write_record,
 )
 from wil_campaign.safety.guard.process.runtime_folder import open_runtime_folder
-from wil_campaign.vehicles.processes.identity import ProcessId
 
 OTHER = 1
 """A process that has no campaign."""

@@ -10,6 +10,7 @@ import pytest
 from tests.orchestrator.mcap_runs import read
 from tests.orchestrator.operator.test_campaign_controller import RESULT
 from tests.recipes.samples import beam
+from wil_campaign.foundation.background_file import Patience
 from wil_campaign.orchestrator.model.caveats import loss_texts
 from wil_campaign.orchestrator.model.results import Loss, also_of
 from wil_campaign.orchestrator.recording.mcap import mcap_file, mcap_writer
@@ -19,7 +20,6 @@ from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder, T
 from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading
 from wil_campaign.orchestrator.recording.run_recorder import RunRecorder, excessive_loss
 from wil_campaign.safety.model.verdict import Decision, DecisiveEvent
-from wil_campaign.vehicles.background_file import Patience
 
 
 @pytest.mark.parametrize(

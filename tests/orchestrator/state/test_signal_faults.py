@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from wil_campaign.campaigns.values.signal_faults import SignalFault
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.signal_faults import (
     FaultyOnDemand,

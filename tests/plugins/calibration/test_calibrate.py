@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tests.plugins.calibration.board_images import CHARUCO, LENS, Hand, board_views, picture
 from wil_campaign.campaigns.schema.calibration import CalibrationPart, read_calibration
+from wil_campaign.foundation.files.documents import load
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder
@@ -19,7 +20,6 @@ from wil_campaign.plugins.calibration.boards import CharucoBoard
 from wil_campaign.plugins.calibration.measurement import as_yaml
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.readings import CameraReading
-from wil_campaign.worlds.files.documents import load
 from wil_campaign.worlds.frames import Pose, quat_from_euler
 
 BOARD = "charuco:8x6:30mm:22mm"

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.hover import write_hover
+from wil_campaign.foundation.files.problems import Problem
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.ci.problem_files import code_quality_text, sarif_text
-from wil_campaign.worlds.files.problems import Problem
 
 
 def validated(

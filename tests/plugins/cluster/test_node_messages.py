@@ -7,6 +7,7 @@ import pytest
 
 from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.foundation.processes.codec import MessageError
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
 from wil_campaign.orchestrator.model.progress import Happening, Progress
 from wil_campaign.orchestrator.model.results import Attempt
@@ -28,7 +29,6 @@ from wil_campaign.plugins.cluster.node_messages import (
 )
 from wil_campaign.plugins.cluster.travelling_files import TravellingFile, TravellingFiles
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-from wil_campaign.vehicles.processes.codec import MessageError
 from wil_campaign.worlds.frames import Pose
 
 

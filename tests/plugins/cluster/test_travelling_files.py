@@ -9,6 +9,8 @@ import pytest
 
 from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import load_campaign
+from wil_campaign.foundation.files.documents import BadInput
+from wil_campaign.foundation.files.user_modules import user_files
 from wil_campaign.orchestrator.campaign.folder.manifest import manifest, read_files
 from wil_campaign.orchestrator.campaign.resuming.run_ledger import RunLedger, newest_session
 from wil_campaign.orchestrator.campaign.workers.run_order import resolve_order
@@ -23,8 +25,6 @@ from wil_campaign.plugins.cluster.travelling_files import (
     relocate_order,
     unpack_files,
 )
-from wil_campaign.worlds.files.documents import BadInput
-from wil_campaign.worlds.files.user_modules import user_files
 
 
 def test_a_campaign_is_read_where_it_was_unpacked_and_nowhere_else(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 from tests.orchestrator.external.rigs import FakeDriver, FakeParameters, FakeStation
 from wil_campaign.campaigns.setup.case_setup import VehicleSetup
 from wil_campaign.campaigns.values.sensor_setups import OtherSetup
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.plugins.injection.injection_setups import Injected, InjectionSetup
 from wil_campaign.plugins.injection.injections import (

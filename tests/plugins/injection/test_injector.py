@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from tests.orchestrator.external.rigs import FakeStation
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.foundation.files.documents import parse
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.plugins.injection.injection_setups import InjectionSetup
 from wil_campaign.plugins.injection.injector import Injector, ScenePoses
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.readings import LidarScanReading, PoseReading, RangefinderReading
-from wil_campaign.worlds.files.documents import parse
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.world_file.world import World
 

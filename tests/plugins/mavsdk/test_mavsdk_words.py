@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from wil_campaign.foundation.processes.codec import FrameReader, MessageError, framed
 from wil_campaign.plugins.mavsdk.message_fields import fields_json
 from wil_campaign.plugins.mavsdk.messages import (
     Act,
@@ -31,7 +32,6 @@ from wil_campaign.plugins.mavsdk.messages import (
 from wil_campaign.vehicles.autopilots.autopilot import Target, command_long
 from wil_campaign.vehicles.driver.onboard.mission_protocol import ItemList, MissionItem
 from wil_campaign.vehicles.driver.onboard.vehicle_logs import LogEntry
-from wil_campaign.vehicles.processes.codec import FrameReader, MessageError, framed
 
 ITEM = MissionItem(command=16, params=(1.0, 0.5, 0.0, 2.0), x=473_977_419, y=-85_455_939, z=2.5)
 LOG = LogEntry(3, 6978, None)

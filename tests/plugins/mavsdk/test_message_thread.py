@@ -4,10 +4,10 @@ import socket
 import time
 from typing import cast
 
+from wil_campaign.foundation.processes.codec import FrameReader
 from wil_campaign.plugins.mavsdk.mavsdk_library import MavsdkLibrary
 from wil_campaign.plugins.mavsdk.mavsdk_process import MessageThread, ReplySender
 from wil_campaign.plugins.mavsdk.messages import NotSent, SendMessage, from_process
-from wil_campaign.vehicles.processes.codec import FrameReader
 
 
 class FailingLibrary:

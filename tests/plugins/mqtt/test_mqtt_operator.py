@@ -14,6 +14,7 @@ import pytest
 
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 from tests.ports import free_port
+from wil_campaign.foundation.tasks import TaskAccount
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.model.flight_place import FlightPlace
 from wil_campaign.orchestrator.model.progress import Happening
@@ -28,7 +29,6 @@ from wil_campaign.plugins.mqtt.message_signing import signed_command, status_key
 from wil_campaign.plugins.mqtt.mqtt_operator import MqttOperator, MqttSecrets, mqtt_operating
 from wil_campaign.plugins.mqtt.mqtt_setup import MqttSetup
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-from wil_campaign.vehicles.tasks import TaskAccount
 
 TOKEN = "of the test"  # noqa: S105 - opens nothing
 ACCESS = BrokerAccess.new("wil/gate")

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from tests.recipes.samples import beam, camera, depth, plain
+from wil_campaign.foundation.files.documents import parse
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import LOSSLESS
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder
@@ -23,7 +24,6 @@ from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.pipeline.pipeline import compile_recipe
 from wil_campaign.recipes.pipeline.stages import StageView
 from wil_campaign.recipes.working import Masked
-from wil_campaign.worlds.files.documents import parse
 
 WIDTH, HEIGHT = 160, 120
 ORANGE = (0, 110, 230)

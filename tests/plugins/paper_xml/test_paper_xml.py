@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.recipes.samples import camera, plain
+from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.plugins.paper_xml.paper_xml import parse_paper_xml
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.language.recipe_files import load_recipe_document, load_recipe_file
 from wil_campaign.recipes.model.recipe import Recipe
 from wil_campaign.recipes.pipeline.pipeline import compile_recipe
-from wil_campaign.worlds.files.documents import BadInput
 
 LISTING = """\
 <recipe_file>

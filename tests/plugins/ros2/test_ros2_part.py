@@ -8,11 +8,11 @@ import pytest
 from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import load_campaign
 from wil_campaign.campaigns.schema import campaign_model
+from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.cli.clock_choice import clock_for, shared_of
 from wil_campaign.plugins.ros2.domains import claimed_domain
 from wil_campaign.plugins.ros2.ros2_part import Ros2Part
 from wil_campaign.plugins.ros2.wire import WireError
-from wil_campaign.worlds.files.documents import BadInput
 
 
 def node_file(tmp_path: Path, text: str) -> Path:

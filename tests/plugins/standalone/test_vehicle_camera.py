@@ -18,18 +18,18 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.ports import free_port
 from tests.vehicles.embedded.conftest import Rig
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.foundation.files.documents import load
 from wil_campaign.plugins.outlets.image_delivery import DeliveryCounts
 from wil_campaign.plugins.standalone.vehicle_camera import INTRINSICS, RATE_HZ, VehicleCamera
 from wil_campaign.vehicles.cameras.camera_effects import CameraQuality
 from wil_campaign.vehicles.cameras.rendered_cameras import inline
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
 from wil_campaign.vehicles.embedded.process.vehicle_faults import VehicleFaults
 from wil_campaign.vehicles.faults import parse_fault
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.readings import BgrImage, CameraReading
 from wil_campaign.vehicles.sensors.world_views import WorldImages
-from wil_campaign.worlds.files.documents import load
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.scene import Scene
 from wil_campaign.worlds.world_file.world import World

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.plugins.step_response.flight import StepFlight
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig

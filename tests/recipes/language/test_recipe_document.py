@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from wil_campaign.foundation.files.documents import BadInput, load, parse
 from wil_campaign.recipes.language.recipe_document import MAX_SKEW_MS, load_recipe
 from wil_campaign.recipes.model.recipe import Recipe
-from wil_campaign.worlds.files.documents import BadInput, load, parse
 
 ROOT = Path(__file__).parents[3]
 

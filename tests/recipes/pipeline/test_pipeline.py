@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from wil_campaign.foundation.files.documents import parse
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.pipeline.mixture import MixCounts, Mixed
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.recipes.working import PoseRequest, StepError
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, Source
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.files.documents import parse
 from wil_campaign.worlds.frames import Pose
 
 WIDTH, HEIGHT = 64, 48

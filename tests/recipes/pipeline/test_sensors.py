@@ -22,11 +22,11 @@ from tests.recipes.samples import (
     scan,
     sound,
 )
+from wil_campaign.foundation.files.documents import BadInput, parse
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.files.documents import BadInput, parse
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.geodesy import LocalFrame
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from tests.recipes.samples import beam, camera, plain
+from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.recipes.language.recipe_files import load_recipe_file
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.recipes.working import StepError
-from wil_campaign.worlds.files.documents import BadInput
 
 STEPS = """
 from dataclasses import replace

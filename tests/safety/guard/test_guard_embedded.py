@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.events import GuardedVehicle
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
@@ -21,9 +21,9 @@ from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
 from wil_campaign.vehicles.embedded.physics.config import AutopilotKind, EmbeddedConfig
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.links.memory import memory_pair
+from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 Cause = Literal["abort", "bring_down", "killed"]

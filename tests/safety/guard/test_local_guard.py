@@ -5,7 +5,7 @@ from typing import Any, Self
 
 import pytest
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.contingency import Phase
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardEvent

@@ -17,11 +17,11 @@ import pytest
 
 from tests.ports import free_port
 from tests.vehicles.links.test_flapping import patient_loop
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.paced_loop import PacedLoop
+from wil_campaign.foundation.clocks.sim_clock_controller import Segment
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.plugins.mavsdk import mavsdk_client
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Mode
-from wil_campaign.vehicles.clocks.paced_loop import PacedLoop
-from wil_campaign.vehicles.clocks.sim_clock_controller import Segment
 from wil_campaign.vehicles.command_backends import command_backend_of
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.onboard.mission_protocol import ItemList, MissionItem

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.autopilots.autopilot import Target, command_long
 from wil_campaign.vehicles.driver.onboard.mission_protocol import (
     ItemList,

@@ -6,7 +6,7 @@ from typing import Any, Self
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Mode, Target, command_long
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver import Driver

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Mode
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample, VehicleEvent

@@ -5,7 +5,7 @@ from typing import Any, Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.autopilots.autopilot import MessageRate, Target, TelemetryRates
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.driver.session.session import Session

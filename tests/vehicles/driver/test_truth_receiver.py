@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.autopilots.test_ground_truth import hil_state, sim_state
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
 from wil_campaign.vehicles.autopilots.autopilot import Autopilot, AutopilotName, Target
 from wil_campaign.vehicles.autopilots.px4 import Px4
@@ -19,12 +19,12 @@ from wil_campaign.vehicles.driver.session.session import Session
 from wil_campaign.vehicles.driver.truth_receiver import TruthReceiver
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.errors import AnchorError
 from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.mavlink.codec import Codec
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
+from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
 from wil_campaign.worlds.frames import Pose, Vec3, angle_between, norm, subtract
 

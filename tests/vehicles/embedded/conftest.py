@@ -9,7 +9,7 @@ from typing import Any, Self
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.links.memory import memory_pair

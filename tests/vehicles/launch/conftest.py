@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.vehicles.processes.identity import ProcessId
+from wil_campaign.foundation.processes.identity import ProcessId
 
 _HEAD = """#!{python} -S
 import os, signal, socket, subprocess, sys, time

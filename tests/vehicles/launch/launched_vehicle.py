@@ -6,10 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
+from wil_campaign.foundation.processes.child import ChildProcess
 from wil_campaign.vehicles.launch.launch_plan import Launch, LaunchError
 from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch
 from wil_campaign.vehicles.links.link_strings import LinkAddress
-from wil_campaign.vehicles.processes.child import ChildProcess
 
 
 class LaunchedVehicle:

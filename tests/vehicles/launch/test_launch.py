@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 
 from tests.vehicles.launch.launched_vehicle import LaunchedVehicle
+from wil_campaign.foundation.processes.identity import ProcessId, boot_id
 from wil_campaign.vehicles.launch.ardupilot import ArduPilotLaunch
 from wil_campaign.vehicles.launch.launch_plan import Home, LaunchError, Port
 from wil_campaign.vehicles.launch.launch_records import RECORD, LaunchRecord, find_orphans
 from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch, is_free, take_instance
 from wil_campaign.vehicles.launch.px4 import Px4Launch
-from wil_campaign.vehicles.processes.identity import ProcessId, boot_id
 
 HOME = Home(47.4, 8.5, 488.0, 90.0)
 

@@ -10,11 +10,11 @@ from typing import Any, Self
 import pytest
 
 from tests.ports import free_port
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.lockstep import Lockstep
+from wil_campaign.foundation.clocks.paced_loop import PacedLoop
+from wil_campaign.foundation.clocks.sim_clock_controller import STEP_S
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
-from wil_campaign.vehicles.clocks.lockstep import Lockstep
-from wil_campaign.vehicles.clocks.paced_loop import PacedLoop
-from wil_campaign.vehicles.clocks.sim_clock_controller import STEP_S
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.links.impaired import ImpairedLink
 from wil_campaign.vehicles.links.impairment import Bursts, ImpairedDirection, Impairment, LinkOutage
 from wil_campaign.vehicles.links.memory import memory_pair

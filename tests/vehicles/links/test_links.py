@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.ports import free_port
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.links.link import LinkError, TellsTrouble
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wil_campaign.foundation.files.documents import load
 from wil_campaign.vehicles.perception.shipped_detector import NAMES, shipped_detector
 from wil_campaign.vehicles.readings import BgrImage
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.files.documents import load
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer
 from wil_campaign.worlds.world_file.world import World

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.cameras.rendered_cameras import RenderedImage
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.readings import DepthReading, ImuReading, PoseReading, Reading
 from wil_campaign.vehicles.sensors.depth import DepthSensor
 from wil_campaign.vehicles.sensors.imu import ImuSensor

@@ -10,6 +10,7 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Chunk
 
+from wil_campaign.foundation.files.limits import MAX_CHUNK_BYTES
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import MAGIC, RecordStream
@@ -17,7 +18,6 @@ from wil_campaign.orchestrator.recording.mcap_reader import Recording
 from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.vehicles.sources.cameras.mcap_images import McapFile
 from wil_campaign.vehicles.sources.mcap_limits import ChunkLimitError, chunk_records
-from wil_campaign.worlds.files.limits import MAX_CHUNK_BYTES
 
 CLAIMED_BYTES = 30_000_000
 

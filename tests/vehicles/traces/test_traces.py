@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.profile import load_profile
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from wil_campaign.worlds.files.documents import BadInput, Problem, load, parse
+from wil_campaign.foundation.files.documents import BadInput, Problem, load, parse
 from wil_campaign.worlds.scene.colors import NAMED, parse_color
 from wil_campaign.worlds.scene.motion import StartOn
 from wil_campaign.worlds.world_file.world import World

@@ -10,13 +10,13 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from wil_campaign.vehicles.tasks import finish
+from wil_campaign.foundation.tasks import finish
 
 T = TypeVar("T")
 
 _POLL_S = 0.05
 _MOST_POLLS = 240
-"""Of our own turns, not of time, as at the end of a file: 12 s (vehicles/background_file.py)."""
+"""Of our own turns, not of time, as at the end of a file: 12 s (foundation/background_file.py)."""
 
 
 async def access_disk(

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from wil_campaign.foundation.tasks import finish
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile
 from wil_campaign.vehicles.driver.onboard.disk_access import access_disk, remove_backup
@@ -26,7 +27,6 @@ from wil_campaign.vehicles.driver.onboard.mission_protocol import MissionError, 
 from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterBackup, ParameterValue
 from wil_campaign.vehicles.driver.onboard.parameters import Parameters
 from wil_campaign.vehicles.errors import VehicleError
-from wil_campaign.vehicles.tasks import finish
 
 
 class OnboardFence:

@@ -13,10 +13,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
+from wil_campaign.foundation.tasks import finish
 from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile, crash_safe_files
 from wil_campaign.vehicles.driver.onboard.disk_access import access_disk, remove_backup
 from wil_campaign.vehicles.errors import ParameterError
-from wil_campaign.vehicles.tasks import finish
 
 ParameterValue = int | float
 

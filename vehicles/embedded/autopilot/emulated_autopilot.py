@@ -41,8 +41,8 @@ from wil_campaign.vehicles.embedded.autopilot.services.parameter_service import 
 from wil_campaign.vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.vehicles.embedded.physics.battery import Charge
-from wil_campaign.vehicles.embedded.physics.states import Thrusts
 from wil_campaign.vehicles.mavlink.fence_areas import FenceItemError
+from wil_campaign.vehicles.poses.truth import Thrusts
 from wil_campaign.worlds.jit import F64
 
 COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1

@@ -24,7 +24,7 @@ from wil_campaign.vehicles.embedded.physics.motion_kernel import (
     read,
     read_and_estimate,
 )
-from wil_campaign.vehicles.embedded.physics.states import Thrusts
+from wil_campaign.vehicles.poses.truth import Thrusts
 from wil_campaign.worlds.frames import Vec3
 from wil_campaign.worlds.jit import F64, direct
 

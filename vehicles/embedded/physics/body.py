@@ -12,13 +12,8 @@ from wil_campaign.vehicles.embedded.physics.estimator import Estimator
 from wil_campaign.vehicles.embedded.physics.motion_kernel import NEAR_GROUND, TRUTH, WRECKED
 from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
 from wil_campaign.vehicles.embedded.physics.plant import JsbsimPlant
-from wil_campaign.vehicles.embedded.physics.states import (
-    STOPPED,
-    Motion,
-    Thrusts,
-    TruthSample,
-    motion_of,
-)
+from wil_campaign.vehicles.embedded.physics.states import Motion, motion_of
+from wil_campaign.vehicles.poses.truth import STOPPED, Thrusts, TruthSample
 from wil_campaign.worlds.frames import Pose, Vec3, add, quat_from_euler, rotate
 from wil_campaign.worlds.jit import F64
 

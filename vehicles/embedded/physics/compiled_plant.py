@@ -7,7 +7,7 @@ import numpy as np
 from wil_campaign.vehicles.embedded.physics import rigid_kernel
 from wil_campaign.vehicles.embedded.physics.airframe import LEGS, Airframe
 from wil_campaign.vehicles.embedded.physics.plant import Plant
-from wil_campaign.vehicles.embedded.physics.states import Thrusts
+from wil_campaign.vehicles.poses.truth import Thrusts
 from wil_campaign.worlds.frames import Vec3, quat_from_euler
 from wil_campaign.worlds.jit import F64, direct
 

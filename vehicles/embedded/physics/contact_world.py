@@ -4,9 +4,9 @@ import json
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
+from wil_campaign.foundation.files.documents import Document, parse
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.worlds.clearance.clearance import ClearanceProbe
-from wil_campaign.worlds.files.documents import Document, parse
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.parts import BoxShape
 from wil_campaign.worlds.scene.scene import Scene

@@ -17,8 +17,9 @@ from wil_campaign.vehicles.embedded.physics.motion_kernel import (
     ZERO,
     read,
 )
-from wil_campaign.vehicles.embedded.physics.states import Motion, Thrusts, motion_of
+from wil_campaign.vehicles.embedded.physics.states import Motion, motion_of
 from wil_campaign.vehicles.errors import NO_JSBSIM
+from wil_campaign.vehicles.poses.truth import Thrusts
 from wil_campaign.worlds.frames import Vec3
 
 os.environ.setdefault("JSBSIM_DEBUG", "0")

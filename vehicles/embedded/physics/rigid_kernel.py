@@ -8,7 +8,7 @@ position of order 3. The earth neither turns nor curves, and air and gravity are
 
 import math
 
-from wil_campaign.vehicles.embedded.physics.states import Thrusts
+from wil_campaign.vehicles.poses.truth import Thrusts
 from wil_campaign.worlds.jit import F64, Float, Int, compiled
 
 STATE = 43

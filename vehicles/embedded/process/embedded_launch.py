@@ -6,7 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Self
 
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.foundation.processes.codec import MessageError
+from wil_campaign.foundation.processes.feed_socket import FeedSocket
 from wil_campaign.vehicles.embedded.process.feed import (
     MakeFault,
     ToVehicle,
@@ -17,8 +18,7 @@ from wil_campaign.vehicles.embedded.process.feed import (
     to_vehicle,
 )
 from wil_campaign.vehicles.faults import Fault
-from wil_campaign.vehicles.processes.codec import MessageError
-from wil_campaign.vehicles.processes.feed_socket import FeedSocket
+from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.readings import PoseReading, Source
 
 

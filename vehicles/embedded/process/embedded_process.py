@@ -13,10 +13,14 @@ from typing import Any, cast
 
 from pydantic import ValidationError
 
-from wil_campaign.vehicles.clocks.paced_loop import PacedLoop
+from wil_campaign.foundation.clocks.paced_loop import PacedLoop
+from wil_campaign.foundation.files.documents import BadInput
+from wil_campaign.foundation.processes.clock_socket import InheritedClock
+from wil_campaign.foundation.processes.codec import MessageError
+from wil_campaign.foundation.processes.feed_socket import FeedSocket, inherited_feed
+from wil_campaign.foundation.processes.linux import UnsupportedSystemError, die_with_parent
 from wil_campaign.vehicles.embedded.control.law import load_kernels
 from wil_campaign.vehicles.embedded.physics.config import ContactWorld
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
 from wil_campaign.vehicles.embedded.process.feed import (
     FromVehicle,
     MakeFault,
@@ -37,13 +41,9 @@ from wil_campaign.vehicles.faults import FaultError, parse_fault
 from wil_campaign.vehicles.links.link import LinkError
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link
-from wil_campaign.vehicles.processes.clock_socket import InheritedClock
-from wil_campaign.vehicles.processes.codec import MessageError
-from wil_campaign.vehicles.processes.feed_socket import FeedSocket, inherited_feed
-from wil_campaign.vehicles.processes.linux import UnsupportedSystemError, die_with_parent
+from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.readings import PoseReading
 from wil_campaign.vehicles.readings.copies import restamp_pose
-from wil_campaign.worlds.files.documents import BadInput
 
 BAD_SETTINGS, FAILED = 2, 1
 """Exit codes; 0 after SIGTERM, SIGINT, a kill fault, or the end of stdin."""

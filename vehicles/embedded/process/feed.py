@@ -6,8 +6,8 @@ machine share. seq counts up by one per datagram of a sender.
 
 import math
 
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
-from wil_campaign.vehicles.processes.codec import Codec, Finite, Message
+from wil_campaign.foundation.processes.codec import Codec, Finite, Message
+from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.readings import PoseReading
 
 

@@ -4,6 +4,7 @@ import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from wil_campaign.foundation.files.documents import closest, load
 from wil_campaign.vehicles.embedded.autopilot.known_parameters import known_parameters
 from wil_campaign.vehicles.embedded.physics.config import AutopilotKind
 from wil_campaign.vehicles.embedded.physics.contact_world import as_argument
@@ -14,7 +15,6 @@ from wil_campaign.vehicles.embedded.process.process_settings import (
 from wil_campaign.vehicles.embedded.profile import load_profile
 from wil_campaign.vehicles.faults import parse_fault
 from wil_campaign.vehicles.links.link_strings import parse_link
-from wil_campaign.worlds.files.documents import closest, load
 from wil_campaign.worlds.world_file.world import World
 
 

@@ -7,14 +7,14 @@ from typing import Any
 import av
 import cv2
 
+from wil_campaign.foundation.files.images import ImageError, check_pixels, read_image
+from wil_campaign.foundation.files.lfs import LFS_POINTER, is_lfs_file
+from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
+from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.vehicles.sources.camera_source import IMAGE_SUFFIXES, SourceError
 from wil_campaign.vehicles.sources.cameras.av_input import opening_error
 from wil_campaign.vehicles.sources.cameras.frame_stamps import check_image
 from wil_campaign.vehicles.sources.cameras.recorded_camera import RecordedImage
-from wil_campaign.worlds.files.images import ImageError, check_pixels, read_image
-from wil_campaign.worlds.files.lfs import LFS_POINTER, is_lfs_file
-from wil_campaign.worlds.files.limits import MAX_IMAGE_PIXELS
-from wil_campaign.worlds.files.paths import is_file
 
 
 class VideoFile:

@@ -14,6 +14,9 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
+from wil_campaign.foundation.files.images import ImageError, decode_image
+from wil_campaign.foundation.files.lfs import LFS_POINTER, is_lfs_file
+from wil_campaign.foundation.files.limits import MAX_CHUNK_BYTES
 from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.vehicles.sources.cameras.compressed_image import Decode, decoder_for
 from wil_campaign.vehicles.sources.cameras.frame_stamps import check_image
@@ -25,9 +28,6 @@ from wil_campaign.vehicles.sources.mcap_limits import (
     chunk_records,
 )
 from wil_campaign.vehicles.sources.messagepack import BadMessageError
-from wil_campaign.worlds.files.images import ImageError, decode_image
-from wil_campaign.worlds.files.lfs import LFS_POINTER, is_lfs_file
-from wil_campaign.worlds.files.limits import MAX_CHUNK_BYTES
 
 _JUMP_S, _FASTEST = 10.0, 100.0
 """A stamp may be so much later than the log times tell: of a simulation, so many times faster."""

@@ -4,7 +4,7 @@ import asyncio
 from dataclasses import dataclass
 from typing import Protocol, Self
 
-from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
+from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, Source
 from wil_campaign.vehicles.sources.camera_source import SourceCounts, SourceError
 from wil_campaign.vehicles.sources.cameras.frame_stamps import Stamper, check_size, source_counts

@@ -4,7 +4,7 @@ import asyncio
 from dataclasses import replace
 from typing import Protocol, Self
 
-from wil_campaign.vehicles.cameras.rendered_cameras import sleep_until
+from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.vehicles.readings import Reading, Source
 from wil_campaign.vehicles.readings.checks import fault_after, fault_of
 from wil_campaign.vehicles.sources.camera_source import SourceCounts, SourceError

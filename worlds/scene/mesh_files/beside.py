@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import unquote
 
-from wil_campaign.worlds.files.limits import MAX_MESH_BYTES, MAX_MESH_PARENTS
-from wil_campaign.worlds.files.paths import is_file
+from wil_campaign.foundation.files.limits import MAX_MESH_BYTES, MAX_MESH_PARENTS
+from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
 
 _ABSOLUTE = re.compile(r"(?:/|~|[A-Za-z]:|[A-Za-z][A-Za-z+.-]+:)")

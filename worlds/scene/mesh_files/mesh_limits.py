@@ -1,7 +1,7 @@
 """Checks the sizes that a mesh file states, before anything is allocated, and what it needs.
 
 A file of a few bytes may state a million instances of a mesh, a thousand million vertices, or
-entities that expand without end. Sizes, counts and depths are in wil_campaign.worlds.files.limits.
+entities that expand without end. Sizes, counts and depths are in foundation.files.limits.
 """
 
 import base64
@@ -13,15 +13,15 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from wil_campaign.worlds.files.images import ImageError, check_pixels, image_size
-from wil_campaign.worlds.files.limits import (
+from wil_campaign.foundation.files.images import ImageError, check_pixels, image_size
+from wil_campaign.foundation.files.limits import (
     MAX_MESH_BYTES,
     MAX_MESH_DEPTH,
     MAX_MESH_FACES,
     MAX_MESH_NODES,
     MAX_MESH_VALUES,
 )
-from wil_campaign.worlds.files.paths import is_file
+from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.worlds.scene.mesh_files.mesh_support import check_gltf_support
 
 _STRIP_MODES = frozenset({5, 6})

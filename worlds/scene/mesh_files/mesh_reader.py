@@ -15,9 +15,9 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from wil_campaign.worlds.files.lfs import LFS_POINTER, is_lfs_pointer
-from wil_campaign.worlds.files.limits import MAX_MESH_FACES
-from wil_campaign.worlds.files.paths import is_file
+from wil_campaign.foundation.files.lfs import LFS_POINTER, is_lfs_pointer
+from wil_campaign.foundation.files.limits import MAX_MESH_FACES
+from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.mesh_files.formats.collada_file import read_collada
 from wil_campaign.worlds.scene.mesh_files.formats.gltf_file import open_gltf, read_gltf

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from wil_campaign.worlds.files.limits import MAX_MESH_BYTES
+from wil_campaign.foundation.files.limits import MAX_MESH_BYTES
 from wil_campaign.worlds.scene.mesh_files.beside import file_beside, image_beside
 from wil_campaign.worlds.scene.mesh_files.formats.collada_materials import path_of
 from wil_campaign.worlds.scene.mesh_files.formats.gltf_file import open_gltf

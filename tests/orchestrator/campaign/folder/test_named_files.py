@@ -8,9 +8,9 @@ import trimesh
 
 from tests.orchestrator.hover import WORLD, write_hover
 from wil_campaign.campaigns.expansion.expansion import load_campaign
+from wil_campaign.foundation.files.documents import Data
 from wil_campaign.orchestrator.campaign.folder.manifest import manifest, world_digest
 from wil_campaign.orchestrator.campaign.folder.named_files import named_files
-from wil_campaign.worlds.files.documents import Data
 
 
 def write_crate(folder: Path, height_m: float) -> None:

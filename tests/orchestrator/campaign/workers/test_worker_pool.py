@@ -19,7 +19,7 @@ from typing import Any
 import psutil
 import pytest
 
-from tests.vehicles.processes.busy_core import one_busy_core
+from tests.wil_campaign.foundation.processes.busy_core import one_busy_core
 from wil_campaign.orchestrator.campaign.workers.local_workers import (
     LocalWorker,
     LocalWorkers,
@@ -37,7 +37,7 @@ from wil_campaign.orchestrator.model.flight_place import FlightPlace
 from wil_campaign.orchestrator.model.operator_command import Inbox
 from wil_campaign.orchestrator.model.progress import Happening, News, Progress, Report
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-from wil_campaign.vehicles.processes.vehicle_server_process import vehicle_server
+from wil_campaign.vehicles.vehicle_server_process import vehicle_server
 
 Outcomes = dict[str, "str | WorkerLost"]
 

@@ -28,7 +28,8 @@ from tests.orchestrator.mcap_runs import (
     read,
     recorder,
 )
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation import background_file
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap import mcap_file, mcap_writer
 from wil_campaign.orchestrator.recording.mcap.mcap_encode import Encoder
@@ -40,7 +41,6 @@ from wil_campaign.orchestrator.recording.mcap_reader import (
     Recording,
 )
 from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
-from wil_campaign.vehicles import background_file
 from wil_campaign.vehicles.readings import Reading
 
 

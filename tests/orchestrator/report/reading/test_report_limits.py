@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.report.recorded_campaign import WORLD
+from wil_campaign.foundation.files.documents import parse
 from wil_campaign.orchestrator.reading.judged_motion import JudgedMotion
 from wil_campaign.orchestrator.report.model import CameraView, Cause, Frame
 from wil_campaign.orchestrator.report.reading.closeup import JudgedFlight, closeup_of
@@ -22,7 +23,6 @@ from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.vehicles.embedded.physics.contact_world import BODY
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.files.documents import parse
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.scene import Scene
 from wil_campaign.worlds.world_file.world import World

@@ -8,6 +8,7 @@ import pytest
 
 from tests.orchestrator.report.recorded_campaign import WORLD, write_campaign
 from tests.safety.oracles.oracle_rigs import build
+from wil_campaign.foundation.files.documents import Data, parse
 from wil_campaign.orchestrator.reading.judged_motion import JudgedMotion
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
 from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
@@ -24,7 +25,6 @@ from wil_campaign.safety.model.samples import PoseSample, StageSample
 from wil_campaign.safety.oracles.oracle import OracleContext
 from wil_campaign.vehicles.embedded.physics.contact_world import BODY
 from wil_campaign.worlds.clearance.clearance import ClearanceProbe
-from wil_campaign.worlds.files.documents import Data, parse
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.parts import BoxShape
 from wil_campaign.worlds.scene.scene import Scene, SceneObject

@@ -16,6 +16,7 @@ import pytest
 from tests.orchestrator.conftest import BRIEF, SMALL_CAMERAS
 from tests.orchestrator.flights import all_landed, log_of, rows_of
 from tests.orchestrator.live_feed.feed_reader import reading_feed
+from wil_campaign.foundation.background_file import BackgroundFile, Patience
 from wil_campaign.orchestrator.live_feed.feed_messages import EventView, ImageView, RunView
 from wil_campaign.orchestrator.model import run_log
 from wil_campaign.orchestrator.model.document_writer import to_json
@@ -28,7 +29,6 @@ from wil_campaign.orchestrator.run.vehicles.pair import Pair
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.vehicles.autonomy import Command, Telemetry
-from wil_campaign.vehicles.background_file import BackgroundFile, Patience
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
 

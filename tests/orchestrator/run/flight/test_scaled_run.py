@@ -11,8 +11,8 @@ import pytest
 
 from tests.orchestrator.sitl_programs import make_arducopter
 from tests.orchestrator.wall_runs import SHORT, STAYING, Program, lines, stages
+from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.vehicles.processes.identity import ProcessId
 
 PACE = ("--mode", "sim", "--set", "clock.speed=4", "--json")
 

@@ -7,7 +7,7 @@ from typing import Any, cast
 import pytest
 
 from tests.orchestrator.run.flight.test_fence_changes import TIGHTER
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.run.flight.fence_changes import FenceChanges
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.events import EventKind, GuardEvent

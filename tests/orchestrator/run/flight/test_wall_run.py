@@ -11,12 +11,12 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.orchestrator.wall_runs import SHORT, STAYING, Program, lines, stages
+from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.vehicles.autopilots.autopilot import Mode, Target
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 from wil_campaign.vehicles.links.udp import UdpLink
 from wil_campaign.vehicles.mavlink.codec import Codec
-from wil_campaign.vehicles.processes.identity import ProcessId
 
 LOCKSTEP = ("--set", "clock.speed=1")
 """With `--clock scaled`: in real time where the machine allows it; time waits for who is late."""

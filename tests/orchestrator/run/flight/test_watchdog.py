@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 import pytest
 
 from wil_campaign.campaigns.setup.case_setup import SyncSetup
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.run.flight.watchdog import Watchdog, stage_patience_s
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.run.perception.runner_factory import ShadowRunner
 from wil_campaign.vehicles.setpoints import Setpoint, VelocitySetpoint
 

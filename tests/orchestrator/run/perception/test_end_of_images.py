@@ -11,7 +11,7 @@ import pytest
 from tests.orchestrator.conftest import BRIEF
 from tests.orchestrator.flights import log_of
 from tests.recipes.samples import beam
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading, Recording
 from wil_campaign.orchestrator.run.perception.mixing_budget import MixingBudgetWatch

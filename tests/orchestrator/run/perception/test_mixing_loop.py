@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from tests.recipes.samples import beam, camera, sound
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.sleeping import sleep_until
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.foundation.files.documents import parse
 from wil_campaign.orchestrator.run.perception.mixing_budget import MixingBudgetWatch
 from wil_campaign.orchestrator.run.perception.mixing_loop import (
     MixingLoop,
@@ -26,10 +28,9 @@ from wil_campaign.recipes.pipeline.pipeline import compile_recipe
 from wil_campaign.recipes.visibility.coverage import Coverage
 from wil_campaign.recipes.visibility.model import FrameVisibility, ObjectVisibility
 from wil_campaign.recipes.working import StepError
-from wil_campaign.vehicles.cameras.rendered_cameras import NoImageError, sleep_until
+from wil_campaign.vehicles.cameras.rendered_cameras import NoImageError
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
 from wil_campaign.vehicles.readings import Reading
-from wil_campaign.worlds.files.documents import parse
 from wil_campaign.worlds.frames import Pose
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from tests.orchestrator.conftest import SMALL_CAMERAS
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.model.results import CombinationResult, RunResult
 from wil_campaign.orchestrator.recording.mcap_reader import (
     RecordedProvenance,
@@ -22,7 +23,6 @@ from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.vehicles.autonomy import Command, Telemetry
 from wil_campaign.vehicles.readings import CameraReading, Reading, sensor_type_of
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
-from wil_campaign.worlds.files.documents import BadInput
 
 Fly = Callable[..., tuple[RunResult, Path]]
 ROOT = Path(__file__).parents[4]

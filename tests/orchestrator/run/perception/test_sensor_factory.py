@@ -13,7 +13,7 @@ import pytest
 from tests.orchestrator.conftest import ROOT
 from tests.recipes.samples import beam
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
-from wil_campaign.orchestrator.model.clock import Clock, run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import Clock, run_virtual
 from wil_campaign.orchestrator.run.perception.sensor_factory import SensorFactory
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.orchestrator.state.vehicle_context import PoseListener

@@ -4,7 +4,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.run.stages.drop_outs import unless_out
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.vehicles.errors import VehicleError

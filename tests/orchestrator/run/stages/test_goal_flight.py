@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import pytest
 
-from wil_campaign.orchestrator.model.clock import run_on
+from wil_campaign.foundation.clocks.virtual_loop import run_on
 from wil_campaign.orchestrator.run.stages.goal_flight import GoalFlight
 from wil_campaign.orchestrator.state.run_state import RunState
 

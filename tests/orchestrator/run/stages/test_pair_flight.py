@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.run.stages.pair_flight import _arm, _at_height, _await_disarmed
 from wil_campaign.orchestrator.state.run_state import FlightError
 from wil_campaign.vehicles.errors import VehicleError

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from wil_campaign.orchestrator.model.clock import run_on
+from wil_campaign.foundation.clocks.virtual_loop import run_on
 from wil_campaign.orchestrator.run.stages.twin_monitor import TwinMonitor
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.vehicles.poses.pose_history import PoseHistory

@@ -11,8 +11,8 @@ from typing import Any, cast
 import pytest
 
 from wil_campaign.campaigns.setup.case_setup import SyncSetup
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.external.motion_captures import MotionCaptures
-from wil_campaign.orchestrator.model.clock import run_virtual
 from wil_campaign.orchestrator.model.results import NOT_ARMED
 from wil_campaign.orchestrator.run.stages.before_arming import BeforeArming
 from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold

@@ -8,7 +8,7 @@ from typing import Any, cast
 from tests.orchestrator.conftest import ROOT
 from tests.orchestrator.sitl_programs import make_arducopter
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.run.vehicles import pair
 from wil_campaign.orchestrator.run.vehicles.guard_factory import HANGING_S, guard_of
 from wil_campaign.orchestrator.run.vehicles.preflight_checks import _await_positions

@@ -14,7 +14,7 @@ import pytest
 
 from wil_campaign.campaigns.schema import PreflightPart
 from wil_campaign.campaigns.setup.case_setup import VehicleSetup
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.run.vehicles.arming_record import ArmingRecord
 from wil_campaign.orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
 from wil_campaign.orchestrator.run.vehicles.restoration import Restoration

@@ -16,6 +16,7 @@ from wil_campaign.campaigns.expansion.expansion import (
 )
 from wil_campaign.campaigns.setup.bench_file import Bench, BenchFacts, load_benches
 from wil_campaign.campaigns.setup.bench_resolution import departure
+from wil_campaign.foundation.files.documents import BadInput, parse
 from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import TakenError
 from wil_campaign.orchestrator.cli import main
@@ -24,7 +25,6 @@ from wil_campaign.plugins.cluster.bench.bench_engine import await_bench
 from wil_campaign.plugins.cluster.bench.bench_resources import announced_benches, resources_of
 from wil_campaign.plugins.cluster.bench.bench_server import BenchGate
 from wil_campaign.plugins.cluster.node_messages import ConsentAsked, RunOrdered
-from wil_campaign.worlds.files.documents import BadInput, parse
 
 # A busy machine, which may hold up the positions, is no fault in them.
 BENCH = """\

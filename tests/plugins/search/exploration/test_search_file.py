@@ -7,9 +7,9 @@ import pytest
 
 from tests.plugins.search.searches import SEARCH, write_search
 from wil_campaign.campaigns.expansion.expansion import Options
+from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.plugins.search.exploration.model import Variant
 from wil_campaign.plugins.search.exploration.search_file import load_search
-from wil_campaign.worlds.files.documents import BadInput
 
 SHIPPED = Path(__file__).parents[4] / "campaigns"
 

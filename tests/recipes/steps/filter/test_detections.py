@@ -8,9 +8,9 @@ import pytest
 
 from tests.recipes.samples import camera, plain
 from tests.vehicles.tiny_onnx import noise, tiny_detector
+from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.recipes.language.recipe_files import load_recipe_file
 from wil_campaign.recipes.pipeline.pipeline import compile_recipe
-from wil_campaign.worlds.files.documents import BadInput
 
 RECIPE = """\
 schema: wil/recipe/1

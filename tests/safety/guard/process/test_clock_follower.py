@@ -9,10 +9,10 @@ from functools import partial
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.sim_clock_controller import STEP_S, Segment
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.safety.guard.process.run_clock import PaceSetup
 from wil_campaign.safety.guard.process.run_clock_factory import ClockFollower, boot_s_of
-from wil_campaign.vehicles.clocks.sim_clock_controller import STEP_S, Segment
 from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.mavlink.codec import Codec
 from wil_campaign.vehicles.mavlink.framing import frame_header

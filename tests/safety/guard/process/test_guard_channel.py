@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.safety.guard.remote_rigs import guard_config
+from wil_campaign.foundation.processes.codec import Message
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.events import EventKind, GuardEvent
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
@@ -24,7 +25,6 @@ from wil_campaign.safety.guard.process.messages import (
 )
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
 from wil_campaign.safety.model.samples import PoseSample
-from wil_campaign.vehicles.processes.codec import Message
 from wil_campaign.worlds.frames import Pose
 
 AT_REST = (0.0, 0.0, 0.0)

@@ -10,12 +10,13 @@ import psutil
 import pytest
 
 from tests.safety.guard.remote_rigs import guard_config
+from wil_campaign.foundation.processes import fork_server
+from wil_campaign.foundation.processes.child import ChildProcess
+from wil_campaign.foundation.processes.fork_server import ForkServer
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
+from wil_campaign.vehicles import vehicle_server_process
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
-from wil_campaign.vehicles.processes import fork_server, vehicle_server_process
-from wil_campaign.vehicles.processes.child import ChildProcess
-from wil_campaign.vehicles.processes.fork_server import ForkServer
-from wil_campaign.vehicles.processes.vehicle_server_process import (
+from wil_campaign.vehicles.vehicle_server_process import (
     VehicleServerProcess,
     inherit_vehicle_server,
     vehicle_program,

@@ -28,6 +28,7 @@ from tests.safety.guard.remote_rigs import (
     until,
     words,
 )
+from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.orchestrator.doctor.machine import granted_to_guard
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.contingency import Phase
@@ -42,7 +43,6 @@ from wil_campaign.safety.guard.process.orphaned_processes import reap_orphans, r
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
 from wil_campaign.safety.guard.process.runtime_folder import open_runtime_folder
 from wil_campaign.vehicles.links.link import LinkError
-from wil_campaign.vehicles.processes.identity import ProcessId
 
 RR = os.SCHED_RR
 TOKEN = "of the test"  # noqa: S105 - opens nothing

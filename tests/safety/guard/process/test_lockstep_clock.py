@@ -3,11 +3,11 @@
 import asyncio
 from collections.abc import Callable
 
+from wil_campaign.foundation.clocks.lockstep import LEAD_S
+from wil_campaign.foundation.clocks.paced_loop import PacedLoop
+from wil_campaign.foundation.clocks.sim_clock_controller import STALL_S, STEP_S, Segment
 from wil_campaign.safety.guard.process.lockstep_clock import HURRY_S, ORCHESTRATOR, LockstepClock
 from wil_campaign.safety.guard.process.run_clock import PaceSetup
-from wil_campaign.vehicles.clocks.lockstep import LEAD_S
-from wil_campaign.vehicles.clocks.paced_loop import PacedLoop
-from wil_campaign.vehicles.clocks.sim_clock_controller import STALL_S, STEP_S, Segment
 
 
 class Wall:

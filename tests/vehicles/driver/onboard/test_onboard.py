@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pyulog import ULog
 
 from tests.ports import free_port
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Target
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.onboard.fence_protocol import AutopilotFence

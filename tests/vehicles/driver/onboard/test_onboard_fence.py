@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tests.vehicles.driver.onboard.slow_disks import SlowDisk, end_threads
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.onboard import disk_access, onboard_fence

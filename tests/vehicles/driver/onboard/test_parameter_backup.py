@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.vehicles.driver.onboard.slow_disks import SlowDisk, end_threads
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.driver.onboard import disk_access
 from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile
 from wil_campaign.vehicles.driver.onboard.parameter_backup import (

@@ -5,7 +5,7 @@ Over a link in memory with 3 ms, by the driver and the flight of the product.
 
 from collections.abc import Mapping
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.plugins.step_response.event_order import EventTrace, OrderRow, order_rows
 from wil_campaign.plugins.step_response.flight import StepFlight
 from wil_campaign.plugins.step_response.segments import Series

@@ -7,7 +7,7 @@ import pytest
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.vehicles.embedded.physics.compiled_plant import CompiledPlant
 from wil_campaign.vehicles.embedded.physics.plant import JsbsimPlant, Plant
-from wil_campaign.vehicles.embedded.physics.states import STOPPED, Thrusts
+from wil_campaign.vehicles.poses.truth import STOPPED, Thrusts
 
 PAPER = Airframe()
 HEAVY = Airframe(

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from tests.vehicles.embedded.at_rest import AT_REST
 from tests.vehicles.embedded.charge import set_remaining
+from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.vehicles.embedded.physics import plant as plant_module
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe, aircraft_root, aircraft_xml
 from wil_campaign.vehicles.embedded.physics.battery import Battery
@@ -19,15 +21,9 @@ from wil_campaign.vehicles.embedded.physics.mocap_feed import MotionCaptureFeed
 from wil_campaign.vehicles.embedded.physics.motion_kernel import BODY_NUMBERS
 from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
 from wil_campaign.vehicles.embedded.physics.plant import JsbsimPlant, Plant, PlantError
-from wil_campaign.vehicles.embedded.physics.states import (
-    AT_REST,
-    STOPPED,
-    Motion,
-    TruthSample,
-    motion_of,
-)
+from wil_campaign.vehicles.embedded.physics.states import Motion, motion_of
 from wil_campaign.vehicles.embedded.profile import ProfileError, list_profiles, load_profile
-from wil_campaign.worlds.files.documents import BadInput
+from wil_campaign.vehicles.poses.truth import STOPPED, TruthSample
 from wil_campaign.worlds.frames import Pose, angle_between
 from wil_campaign.worlds.jit import F64
 

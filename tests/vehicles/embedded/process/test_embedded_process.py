@@ -12,7 +12,7 @@ import pytest
 
 from tests.ports import free_port
 from tests.vehicles.embedded.embedded_process import EmbeddedProcess
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.foundation.processes.feed_socket import feed_pair
 from wil_campaign.vehicles.embedded.process.embedded_launch import FeedClient
 from wil_campaign.vehicles.embedded.process.embedded_process import main
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings, Start
@@ -21,7 +21,7 @@ from wil_campaign.vehicles.links.link import LinkError
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.links.udp import UdpLink
 from wil_campaign.vehicles.mavlink.codec import Codec
-from wil_campaign.vehicles.processes.feed_socket import feed_pair
+from wil_campaign.vehicles.poses.truth import TruthSample
 
 
 def alive(pid: int) -> bool:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
+from wil_campaign.foundation.processes.codec import MessageError
 from wil_campaign.vehicles.embedded.process.feed import (
     MakeFault,
     Mocap,
@@ -18,7 +18,7 @@ from wil_campaign.vehicles.embedded.process.feed import (
     is_finite,
     to_vehicle,
 )
-from wil_campaign.vehicles.processes.codec import MessageError
+from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.readings import PoseReading
 from wil_campaign.worlds.frames import Pose
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from wil_campaign.vehicles.embedded.physics.states import TruthSample
 from wil_campaign.vehicles.embedded.process.vehicle_faults import VehicleFaults
 from wil_campaign.vehicles.faults import FaultError, parse_fault
+from wil_campaign.vehicles.poses.truth import TruthSample
 
 BOTH = pytest.mark.parametrize(
     ("autopilot", "truth", "truth_id"),

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import IndexType, Writer
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.vehicles.sources.camera_source import CameraSource, ImageChangedError, SourceError
 from wil_campaign.vehicles.sources.cameras.compressed_image import CompressedImage, decoder_for

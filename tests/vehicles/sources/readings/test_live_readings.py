@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wil_campaign.orchestrator.model.clock import run_virtual
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.readings import (
     CameraReading,
     GpsReading,

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from tests.vehicles.sources.simulator.replier import Replier, Reply
+from wil_campaign.foundation.files.documents import load
 from wil_campaign.vehicles.cameras.rendered_cameras import ImageSource, OnDemandCamera
 from wil_campaign.vehicles.sources.simulator.shown_world import asked_world
 from wil_campaign.vehicles.sources.simulator.simulator_camera import (
@@ -23,7 +24,6 @@ from wil_campaign.vehicles.sources.simulator.simulator_camera import (
     ZmqImageSource,
 )
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.files.documents import load
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer
 from wil_campaign.worlds.scene.scene import Scene, SceneObject

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from wil_campaign.worlds.files.problems import closest_file
+from wil_campaign.foundation.files.problems import closest_file
 from wil_campaign.worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
 
 KINDS = ("obj", "stl", "glb", "gltf", "dae", "ply")

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from tests.worlds.scene.tiny_gltf import gltf
-from wil_campaign.worlds.files.images import ImageError, decode_image, image_size, read_image
-from wil_campaign.worlds.files.limits import MAX_IMAGE_PIXELS
+from wil_campaign.foundation.files.images import ImageError, decode_image, image_size, read_image
+from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
 from wil_campaign.worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
 from wil_campaign.worlds.scene.textures import load_texture
 

@@ -8,7 +8,8 @@ import numpy as np
 from wil_campaign.vehicles.embedded.control.target import Target
 from wil_campaign.vehicles.embedded.physics.battery import Charge
 from wil_campaign.vehicles.embedded.physics.motion_kernel import NUMBERS
-from wil_campaign.vehicles.embedded.physics.states import STOPPED, Motion, Thrusts, motion_of
+from wil_campaign.vehicles.embedded.physics.states import Motion, motion_of
+from wil_campaign.vehicles.poses.truth import STOPPED, Thrusts
 from wil_campaign.worlds.frames import Vec3
 from wil_campaign.worlds.geodesy import LocalFrame
 from wil_campaign.worlds.jit import F64

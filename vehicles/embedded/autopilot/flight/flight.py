@@ -8,7 +8,8 @@ from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour
 from wil_campaign.vehicles.embedded.control.law import ControlLaw, Gains, LawKind
 from wil_campaign.vehicles.embedded.control.target import Target
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
-from wil_campaign.vehicles.embedded.physics.states import STOPPED, Motion, Thrusts
+from wil_campaign.vehicles.embedded.physics.states import Motion
+from wil_campaign.vehicles.poses.truth import STOPPED, Thrusts
 
 _IDLE_SHARE = 0.08
 _LIFT_SHARE = 0.92

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from wil_campaign.worlds.files.lfs import is_lfs_pointer
-from wil_campaign.worlds.files.limits import MAX_MESH_FACES, MAX_MESH_VALUES
+from wil_campaign.foundation.files.lfs import is_lfs_pointer
+from wil_campaign.foundation.files.limits import MAX_MESH_FACES, MAX_MESH_VALUES
 from wil_campaign.worlds.scene.mesh_files.formats.obj_materials import Materials, libraries_of
 from wil_campaign.worlds.scene.mesh_files.looks import FilePart
 from wil_campaign.worlds.scene.mesh_files.mesh_polygons import (

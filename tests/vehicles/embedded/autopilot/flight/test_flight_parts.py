@@ -8,10 +8,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from tests.vehicles.embedded.at_rest import AT_REST
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import LandProfile
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parameters
 from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
-from wil_campaign.vehicles.embedded.physics.states import AT_REST
 
 finite = st.floats(-100.0, 100.0)
 

@@ -1,0 +1,54 @@
+"""File checks for paths that a user wrote; they never raise, except `require_utf8`.
+
+Before Python 3.14 pathlib's methods raise for a name that is too long, and in a folder that may not
+be entered.
+"""
+
+from pathlib import Path
+
+from wil_campaign.foundation.files.problems import BadInput, Problem, is_encodable
+
+
+def require_utf8(path: Path) -> None:
+    """Raise BadInput for a path with a part that is not UTF-8, as it is from the root.
+
+    Recordings, messages between processes and JSON have texts in UTF-8, and paths among them.
+    Raises OSError where the current folder is gone.
+    """
+    part = next((one for one in path.absolute().parts if not is_encodable(one)), "")
+    if part:
+        name = part.encode("utf-8", "backslashreplace").decode()
+        message = f"the name '{name}' in its path is not UTF-8: rename it"
+        raise BadInput([Problem(str(path), 0, 0, message)])
+
+
+def expanded(path: Path) -> Path:
+    """Return a path with its ~ expanded; as it is where there is no such user, or no home."""
+    try:
+        return path.expanduser()
+    except RuntimeError:
+        return path
+
+
+def is_file(path: Path) -> bool:
+    """Return whether the path is a file; False where access is denied."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
+def is_folder(path: Path) -> bool:
+    """Return whether the path is a folder; False where access is denied."""
+    try:
+        return path.is_dir()
+    except OSError:
+        return False
+
+
+def exists(path: Path) -> bool:
+    """Return whether the path exists; False where access is denied."""
+    try:
+        return path.exists()
+    except OSError:
+        return False
