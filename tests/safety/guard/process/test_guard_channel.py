@@ -11,14 +11,13 @@ import pytest
 from tests.safety.guard.remote_rigs import guard_config
 from wil_campaign.foundation.processes.codec import Message
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.commands import Alive, NewFences, Operate
 from wil_campaign.safety.guard.core.events import EventKind, GuardEvent
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.process.channel import Channel, channel_pair
 from wil_campaign.safety.guard.process.messages import (
-    Alive,
     Bytes,
     EventMessage,
-    Operate,
     Position,
     ToGuard,
     to_guard,
@@ -173,7 +172,7 @@ def test_a_fence_changed_in_flight_counts_beside_the_old_one(
 ) -> None:
     guard, channel = remote
     small = Fence.box(north_m=(-1, 1), east_m=(-1, 1), up_m=(-1, 6))
-    guard.change_fences({"real": small}, "anna")
+    guard.send(NewFences("anna", {"real": small}))
     channel.at_once.clear()
     for north_m in (2.0, 0.0, 6.0):
         guard.position(PoseSample(1.0, "real", Pose((north_m, 0.0, -1.0)), AT_REST))
@@ -194,8 +193,8 @@ def test_a_fence_counts_until_the_guard_has_refused_it(
 ) -> None:
     guard, channel = remote
     small = Fence.box(north_m=(-1, 1), east_m=(-1, 1), up_m=(-1, 6))
-    guard.propose_fences({"real": small}, "anna")
-    guard.change_fences({"real": small}, "anna")
+    guard.send(NewFences("anna", {"real": small}, proposed=True))
+    guard.send(NewFences("anna", {"real": small}))
     guard._take(EventMessage(GuardEvent(1.0, "proposed", "", "")))
     guard._take(EventMessage(GuardEvent(1.0, kind, "", text)))
     channel.at_once.clear()
