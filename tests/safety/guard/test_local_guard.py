@@ -1,13 +1,16 @@
 import asyncio
 from collections.abc import Coroutine
 from contextlib import AsyncExitStack
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
 from typing import Any, Self
 
 import pytest
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.guard.core.commands import Alive, AnchorAt, BringDown, Operate
+from wil_campaign.safety.guard.core.commands import Alive, AnchorAt, BringDown, Operate, StartOutage
 from wil_campaign.safety.guard.core.contingency import Phase
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardEvent
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
@@ -209,6 +212,46 @@ def test_a_fence_breach_by_position_and_by_anchored_estimate(fake_vehicle: Any) 
             flight.guard.position(PoseSample(now_s, "real", Pose((9, 0, -2)), (0, 0, 0)))
             assert flight.kinds() == ["fence"]
             assert await flight.guard.all_down(30.0)
+
+    fly(main())
+
+
+def test_an_outage_is_of_one_link_and_of_one_that_can_have_it(fake_vehicle: Any) -> None:
+    begun: list[tuple[str, float]] = []
+
+    async def main() -> None:
+        async with Flight(fake_vehicle) as flight:
+            links: Any = flight.guard._links
+            for name in NAMES:
+                impaired = SimpleNamespace(start_outage=partial(_note_outage, begun, name))
+                links[name] = replace(links[name], impaired=impaired)
+            flight.guard.send(StartOutage("twin", 4.0))
+            assert begun == [("twin", 4.0)]
+            links["real"] = replace(links["real"], impaired=None)
+            with pytest.raises(ValueError, match="the link of real does not support outages"):
+                flight.guard.send(StartOutage("real", 4.0))
+            assert flight.kinds() == []
+
+    fly(main())
+
+
+def _note_outage(begun: list[tuple[str, float]], name: str, duration_s: float) -> None:
+    begun.append((name, duration_s))
+
+
+def test_at_rest_and_all_down_follow_what_the_guard_sees(fake_vehicle: Any) -> None:
+    async def main() -> None:
+        async with Flight(fake_vehicle) as flight:
+            assert not await flight.guard.at_rest(0.5)
+            for vehicle in flight.vehicles.values():
+                vehicle.armed = False
+            assert await flight.guard.at_rest(5.0)
+            assert not await flight.guard.all_down(0.5), "nothing brought them down"
+            flight.guard.send(BringDown("done"))
+            assert await flight.guard.all_down(5.0)
+            flight.vehicles["twin"].armed = True
+            await asyncio.sleep(2.0)
+            assert not await flight.guard.at_rest(0.1)
 
     fly(main())
 

@@ -1,3 +1,4 @@
+import math
 from typing import Any
 
 import pytest
@@ -13,7 +14,14 @@ from tests.safety.guard.guard_rigs import (
     to_orchestrator,
 )
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.guard.core.commands import Alive, AnchorAt, NewFences, Operate, VehicleGone
+from wil_campaign.safety.guard.core.commands import (
+    Alive,
+    AnchorAt,
+    NewFences,
+    Operate,
+    OrchestratorEnded,
+    VehicleGone,
+)
 from wil_campaign.safety.guard.core.events import ToGcs, ToOrchestrator, ToVehicle, decisive
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.model.samples import PoseSample
@@ -200,6 +208,38 @@ def test_a_simulator_that_ended_is_reported_and_the_other_vehicle_lands(pair: An
     assert (event.vehicle, event.text) == ("twin", "twin: its simulator ended")
     pair.fly(20.0)
     assert not pair.vehicles["real"].armed
+
+
+@pytest.mark.parametrize("lands", [True, False])
+def test_the_end_of_the_orchestrator_lands_what_may_be_armed(pair: Any, *, lands: bool) -> None:
+    if not lands:
+        for vehicle in pair.vehicles.values():
+            vehicle.armed = False
+        pair.fly(5.0)
+    pair.apply(pair.core.apply(OrchestratorEnded(), pair.t_s))
+    assert pair.core.latched == ("silence" if lands else None)
+    texts = [event.text for event in pair.events if event.kind == "silence"]
+    assert texts == (["the orchestrator ended"] if lands else [])
+
+
+def test_a_simulator_that_ended_is_not_awaited(pair: Any) -> None:
+    pair.apply(pair.core.apply(VehicleGone("twin", "twin: its simulator ended"), pair.t_s))
+    pair.vehicles["twin"].mute = True
+    pair.fly(20.0)
+    assert pair.core.all_down
+    assert pair.kinds() == ["lost"]
+    assert "LAND" not in pair.vehicles["twin"].words()
+
+
+def test_an_anchor_shifts_and_turns_a_vehicles_estimate(pair: Any) -> None:
+    """Six metres to its east by its own estimate are inside the fence's north side."""
+    pair.blind = True
+    pair.apply(pair.core.apply(AnchorAt("real", (-2.0, 0.0, 0.0), -math.pi / 2), pair.t_s))
+    for east_m, latched in ((6.0, None), (8.0, "fence")):
+        message = mavlink.MAVLink_local_position_ned_message(0, 0, east_m, -2, 0, 0, 0)
+        frame = pair.vehicles["real"].codec.pack(message)
+        pair.apply(pair.core.from_vehicle("real", frame, pair.t_s + 0.5))
+        assert pair.core.latched == latched
 
 
 def test_a_vehicle_is_received_by_its_own_system_only(pair: Any) -> None:

@@ -2,8 +2,10 @@
 
 import asyncio
 import math
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -11,14 +13,25 @@ import pytest
 from tests.safety.guard.remote_rigs import guard_config
 from wil_campaign.foundation.processes.codec import Message
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.guard.core.commands import Alive, NewFences, Operate
+from wil_campaign.safety.guard.core.commands import (
+    Alive,
+    AnchorAt,
+    BringDown,
+    Command,
+    NewFences,
+    Operate,
+    StartOutage,
+)
 from wil_campaign.safety.guard.core.events import EventKind, GuardEvent
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.process.channel import Channel, channel_pair
+from wil_campaign.safety.guard.process.guard_process import GuardProcess
+from wil_campaign.safety.guard.process.lockstep_clock import ORCHESTRATOR
 from wil_campaign.safety.guard.process.messages import (
     Bytes,
     EventMessage,
     Position,
+    Reached,
     ToGuard,
     to_guard,
 )
@@ -202,6 +215,102 @@ def test_a_fence_counts_until_the_guard_has_refused_it(
         guard.position(PoseSample(1.0, "real", Pose((north_m, 0.0, -1.0)), AT_REST))
     sent = [one.position_ned_m[0] for one in channel.at_once if isinstance(one, Position)]
     assert sent == at_once
+
+
+SMALL = {"real": Fence.box(north_m=(-1, 1), east_m=(-1, 1), up_m=(-1, 6))}
+COMMANDS: tuple[Command, ...] = (
+    Alive(),
+    Operate(OperatorCommand("hold", "anna", run="large/wil/1")),
+    BringDown("the flight is over"),
+    NewFences("anna", SMALL),
+    NewFences("bert", SMALL, proposed=True),
+    AnchorAt("twin", (1.0, 2.0, 3.0), 0.5),
+    StartOutage("twin", 4.0),
+)
+NOT_FOR_A_GUARD: tuple[Command, ...] = (
+    Operate(OperatorCommand("geofence", "anna", document="a file")),
+    NewFences("anna", {**SMALL, "nobody": SMALL["real"]}),
+    AnchorAt("nobody", (0.0, 0.0, 0.0), 0.0),
+    StartOutage("nobody", 1.0),
+)
+
+
+class Wired:
+    """A remote guard and the process of a guard; the bytes of the one go to the other at once."""
+
+    def __init__(self, folder: Path) -> None:
+        ours, self._theirs = channel_pair()
+        self.remote: Any = RemoteGuard(guard_config=guard_config(folder))
+        self.process: Any = GuardProcess(end=ours, lifeline=-1)
+        self.executed: list[Command] = []
+        self.notes: list[str] = []
+        self.waited: list[type] = []
+        self.remote._channel = self
+        self.process._guard = SimpleNamespace(send=self.executed.append)
+        self.process._names, self.process._links = ("real", "twin"), [object(), object()]
+        self.process._note = lambda event, text: self.notes.append(f"{event}: {text}")
+
+    def send(self, message: Message) -> None:
+        for received in to_guard.decode(to_guard.encode([message])):
+            self.process._take(received)
+
+    def send_soon(self, message: Message, *, key: object, within_s: float) -> None:
+        self.waited.append(type(message))
+        self.send(message)
+
+    def close(self) -> None:
+        self.process._channel.close()
+        self._theirs.close()
+
+
+@pytest.fixture
+def wired(tmp_path: Path) -> Iterator[Wired]:
+    made = Wired(tmp_path)
+    yield made
+    made.close()
+
+
+def test_the_commands_here_are_all_that_there_are() -> None:
+    assert {type(command) for command in COMMANDS} == set(get_args(Command))
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=repr)
+def test_a_command_is_executed_by_the_guards_process_as_it_was_sent(
+    wired: Wired, command: Command
+) -> None:
+    wired.process._statuses_unanswered = 9
+    wired.remote.send(command)
+    (executed,) = wired.executed
+    assert to_guard.encode([executed]) == to_guard.encode([command])
+    assert wired.process._statuses_unanswered == 0
+    assert wired.notes == []
+    assert wired.waited == [type(command)] * isinstance(command, Alive), "no other command waits"
+
+
+@pytest.mark.parametrize("command", NOT_FOR_A_GUARD, ids=repr)
+def test_a_command_for_others_is_noted_and_not_executed(wired: Wired, command: Command) -> None:
+    wired.remote.send(command)
+    assert wired.executed == []
+    assert wired.notes == [f"refused: {type(command).__name__} is not expected in this state"]
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=repr)
+def test_a_guard_that_has_not_opened_its_links_executes_nothing(
+    wired: Wired, command: Command
+) -> None:
+    wired.process._links = []
+    wired.remote.send(command)
+    assert wired.executed == []
+    assert len(wired.notes) == 1
+
+
+def test_the_guards_process_tells_its_clock_how_far_the_orchestrator_is(wired: Wired) -> None:
+    reached: list[tuple[str, float]] = []
+    wired.send(Reached(1.0))
+    wired.process._clock = SimpleNamespace(reached=lambda *row: reached.append(row))
+    wired.send(Reached(2.0))
+    assert reached == [(ORCHESTRATOR, 2.0)]
+    assert len(wired.notes) == 1
 
 
 async def test_messages_of_a_closed_end_are_read_before_the_channel_is_closed() -> None:
