@@ -20,7 +20,9 @@ from wil_campaign.safety.guard.core.commands import (
     Command,
     NewFences,
     Operate,
+    OrchestratorEnded,
     StartOutage,
+    VehicleGone,
 )
 from wil_campaign.safety.guard.core.events import EventKind, GuardEvent
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
@@ -311,6 +313,44 @@ def test_the_guards_process_tells_its_clock_how_far_the_orchestrator_is(wired: W
     wired.send(Reached(2.0))
     assert reached == [(ORCHESTRATOR, 2.0)]
     assert len(wired.notes) == 1
+
+
+@pytest.mark.parametrize("ending", [False, True])
+def test_the_end_of_a_vehicles_process_is_the_guards_matter_until_all_end(
+    wired: Wired, *, ending: bool
+) -> None:
+    wired.process._ending = ending
+    wired.process._note = lambda *_, **__: None
+    wired.process._child_ended("twin", SimpleNamespace(exit_code=3, stderr_tail=""))
+    gone = VehicleGone("twin", "twin ended: its process ended with exit code 3")
+    assert wired.executed == ([] if ending else [gone])
+
+
+async def test_a_guard_without_its_orchestrator_lands_all_before_it_ends(wired: Wired) -> None:
+    busy = iter([("real",), ()])
+    wired.process._guard.core = SimpleNamespace(may_be_armed=lambda _: next(busy))
+    wired.process._guard_config = SimpleNamespace(patience_s=60.0)
+    await wired.process._last()
+    assert wired.executed == [OrchestratorEnded()]
+
+
+@pytest.mark.parametrize(
+    ("armed", "latched", "lives"),
+    [((), None, [Alive()]), (("real",), None, []), ((), "abort", [])],
+)
+async def test_a_silent_orchestrator_does_no_harm_on_the_ground(
+    wired: Wired, armed: tuple[str, ...], latched: str | None, lives: list[Command]
+) -> None:
+    guard = wired.process._guard
+    guard.core = SimpleNamespace(
+        may_be_armed=lambda _: armed, latched=latched, all_down=False, phases={}
+    )
+    guard.started_s = 0.0
+    wired.process._guard_config = SimpleNamespace(patience_s=60.0)
+    wired.process._loop = asyncio.get_running_loop()
+    wired.process._send_status()
+    wired.process._status_timer.cancel()
+    assert wired.executed == lives
 
 
 async def test_messages_of_a_closed_end_are_read_before_the_channel_is_closed() -> None:
