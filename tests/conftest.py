@@ -43,6 +43,7 @@ FAST = (
     "orchestrator/report/rendering/test_report_page.py",
     "orchestrator/report/test_report_words.py",
     "orchestrator/state",
+    "plugins/meshes",
     "plugins/injection/test_injected_messages.py",
     "plugins/injection/test_injection_check.py",
     "plugins/injection/test_injection_support.py",

@@ -300,6 +300,20 @@ class SensorSource:
 
 
 @dataclass(frozen=True, slots=True)
+class MeshFormat:
+    """A format of mesh files, which worlds name.
+
+    name: the suffix of its files, as ".obj". load: a function with the parameters of
+    `load_mesh_shape` (worlds/scene/mesh_formats.py), which returns the Shape in a file, or raises
+    MeshFileError. named: a function of a file's path, which returns the files that it names.
+    """
+
+    name: str
+    load: str
+    named: str
+
+
+@dataclass(frozen=True, slots=True)
 class Section:
     """What a section of a report shows and says.
 
@@ -372,6 +386,11 @@ def engines() -> Sequence[Engine]:  # type: ignore[empty-body]
 @_hook
 def recipe_formats() -> Sequence[RecipeFormat]:  # type: ignore[empty-body]
     """Return formats of recipe files."""
+
+
+@_hook
+def mesh_formats() -> Sequence[MeshFormat]:  # type: ignore[empty-body]
+    """Return formats of mesh files."""
 
 
 @_hook

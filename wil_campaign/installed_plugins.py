@@ -27,6 +27,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "injection": {"run_observers": ("inject",)},
     "logs": {"starters": ("log",)},
     "mavsdk": {"drivers": ("mavsdk",)},
+    "meshes": {"mesh_formats": (".obj", ".stl", ".glb", ".gltf", ".dae", ".ply")},
     "mqtt": {
         "commands": ("sign",),
         "operator_channels": ("mqtt",),

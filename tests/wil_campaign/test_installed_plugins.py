@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from tests.orchestrator.hover import write_hover
+from tests.orchestrator.hover import WORLD, write_hover
 from tests.orchestrator.reading.flown_campaign import flights, write_flown
 from tests.test_house import ROOT
 from wil_campaign import hooks, installed_plugins
@@ -33,6 +33,7 @@ HOOKS = {
     "drivers",
     "engines",
     "live_views",
+    "mesh_formats",
     "operator_channels",
     "oracles",
     "problem_formats",
@@ -48,6 +49,7 @@ HOOKS = {
     "vehicle_checks",
 }
 CORE = ("orchestrator", "vehicles", "recipes", "campaigns", "safety", "worlds", "wil_campaign")
+OF_MESH = "objects: {{shelf: {{shape: {{mesh: {{file: {}}}}}, pose: {{north_m: 4, east_m: 2}}}}}}\n"
 SONAR = '''
 from wil_campaign.hooks import Command, implements
 
@@ -738,6 +740,20 @@ for folder in Path({out!r}).glob("*/*"):
 """
 
 
+def write_with_mesh(folder: Path, suffix: str) -> Path:
+    """Write a campaign in whose world a mesh stands, and return its path."""
+    file = write_hover(folder).rename(folder / f"mesh{suffix}.yaml")
+    world = folder / f"world{suffix}.yaml"
+    world.write_text(WORLD + OF_MESH.format(f"a{suffix}"))
+    file.write_text(file.read_text().replace("world.yaml", world.name))
+    return file
+
+
+def shipped(hook: str) -> list[str]:
+    """Return the names that shipped plugins add by a hook."""
+    return [name for adds in SHIPPED.values() for name in adds.get(hook, ())]
+
+
 def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path) -> None:
     """The proof of the CI that the core needs no plugin.
 
@@ -747,38 +763,38 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     (tmp_path / "wil_campaign" / "__init__.py").write_text(WITHOUT.format(home=ROOT))
     gate = str(ROOT / "campaigns" / "gate.yaml")
     one = ["--case", "small", "--mode", "sim", "--repetitions", "1", "--out", str(tmp_path / "out")]
-    views = [view for adds in SHIPPED.values() for view in adds.get("live_views", ())]
-    commands = [names for adds in SHIPPED.values() for names in adds.get("commands", ())]
+    views = shipped("live_views")
+    commands = shipped("commands")
     words = [["validate", gate], ["run", gate, *one], ["list", "plugins"]]
     words += map(str.split, commands)
     words += [["run", gate, *one, f"--{view}", ":0"] for view in views]
     keys = {"search": "campaigns/search-gate.yaml"}
-    assert set(keys) == {key for adds in SHIPPED.values() for key in adds.get("campaign_keys", ())}
+    assert set(keys) == set(shipped("campaign_keys"))
     words += [["validate", str(ROOT / file)] for file in keys.values()]
-    formats = [end for adds in SHIPPED.values() for end in adds.get("recipe_formats", ())]
+    formats = shipped("recipe_formats")
     words += [["validate", f"recipe{end}"] for end in formats]
-    engines = [name for adds in SHIPPED.values() for name in adds.get("engines", ())]
+    engines = shipped("engines")
     words += [["run", gate, *one, "--engine", f"{name}://127.0.0.1:6379"] for name in engines]
-    drivers = [name for adds in SHIPPED.values() for name in adds.get("drivers", ())]
+    drivers = shipped("drivers")
     for name in drivers:
         file = write_hover(tmp_path).rename(tmp_path / f"{name}.yaml")
         file.write_text(file.read_text().replace("px4", f"px4, driver: {name}", 1))
         words.append(["validate", str(file)])
-    checks = [name for adds in SHIPPED.values() for name in adds.get("vehicle_checks", ())]
-    words += [["doctor", f"--{check}"] for check in checks]
-    channels = [name for adds in SHIPPED.values() for name in adds.get("operator_channels", ())]
+    words += [["doctor", f"--{check}"] for check in shipped("vehicle_checks")]
+    channels = shipped("operator_channels")
     for name in channels:
         words.append(["run", gate, *one, "--set", f"operator.{name}.broker=embedded"])
-    options = [name for adds in SHIPPED.values() for name in adds.get("run_options", ())]
+    options = shipped("run_options")
     words += [["run", gate, *one, f"--{name}", "embedded"] for name in options]
-    kinds = [name for adds in SHIPPED.values() for name in adds.get("autonomy_kinds", ())]
+    kinds = shipped("autonomy_kinds")
     words += [["run", gate, *one, "--set", f"autonomy={{{name}: [a]}}"] for name in kinds]
-    observers = [name for adds in SHIPPED.values() for name in adds.get("run_observers", ())]
+    observers = shipped("run_observers")
     words += [["run", gate, *one, "--set", f"{name}={{}}"] for name in observers]
-    oracles = [name for adds in SHIPPED.values() for name in adds.get("oracles", ())]
+    oracles = shipped("oracles")
     words += [["run", gate, *one, "--set", f"oracles.own={{{name}: a}}"] for name in oracles]
-    files = [name for adds in SHIPPED.values() for name in adds.get("problem_formats", ())]
-    starts = [name for adds in SHIPPED.values() for name in adds.get("starter_options", ())]
+    words += [["validate", str(write_with_mesh(tmp_path, end))] for end in shipped("mesh_formats")]
+    files = shipped("problem_formats")
+    starts = shipped("starter_options")
     words += [
         *(["validate", gate, f"--{name}", str(tmp_path / name)] for name in files),
         *(["init", "first", f"--{name}"] for name in starts),
@@ -794,7 +810,8 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     assert codes[:3] == [0, 5, 0], done.stdout + done.stderr  # 5: it flew nothing required
     assert re.search(r"small +sim +1/1 ", done.stdout)
     named = [*(name.split()[0] for name in commands), *views, *keys, *formats, *engines, *drivers]
-    named += [*checks, *channels, *options, *kinds, *observers, *oracles, *files, *starts]
+    named += [*shipped("vehicle_checks"), *channels, *options, *kinds, *observers, *oracles]
+    named += [*shipped("mesh_formats"), *files, *starts]
     assert codes[3:] == [2] * len(named)
     for name in named:
         assert f"'{name}' is of the plugin " in done.stderr

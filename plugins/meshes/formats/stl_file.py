@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from wil_campaign.worlds.scene.mesh_files.looks import FilePart
-from wil_campaign.worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
+from wil_campaign.plugins.meshes.looks import FilePart
+from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 
 _WORDS = {
     word: re.compile(rb"^[ \t]*%s\b" % word, re.MULTILINE | re.IGNORECASE)

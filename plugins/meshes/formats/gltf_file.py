@@ -16,10 +16,10 @@ from urllib.parse import unquote_to_bytes
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.worlds.scene.mesh_files.beside import file_beside
-from wil_campaign.worlds.scene.mesh_files.formats.gltf_materials import GltfMaterials
-from wil_campaign.worlds.scene.mesh_files.looks import NO_LOOK, FilePart, Look
-from wil_campaign.worlds.scene.mesh_files.mesh_support import (
+from wil_campaign.plugins.meshes.beside import file_beside
+from wil_campaign.plugins.meshes.formats.gltf_materials import GltfMaterials
+from wil_campaign.plugins.meshes.looks import NO_LOOK, FilePart, Look
+from wil_campaign.plugins.meshes.mesh_support import (
     SURFACE_MODES,
     UnsupportedMeshError,
     check_gltf_node,

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.worlds.scene.tiny_gltf import gltf
-from wil_campaign.worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
+from tests.plugins.meshes.tiny_gltf import gltf
+from wil_campaign.plugins.meshes.mesh_reader import load_mesh_shape
+from wil_campaign.worlds.scene.mesh_formats import MeshFileError
 from wil_campaign.worlds.scene.meshes import Mesh
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"

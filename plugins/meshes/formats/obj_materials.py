@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from wil_campaign.worlds.scene.mesh_files.beside import file_beside, image_beside
-from wil_campaign.worlds.scene.mesh_files.looks import NO_LOOK, PLAIN_RGB, Look, Picture, Wrap
-from wil_campaign.worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
+from wil_campaign.plugins.meshes.beside import file_beside, image_beside
+from wil_campaign.plugins.meshes.looks import NO_LOOK, PLAIN_RGB, Look, Picture, Wrap
+from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 
 _LIBRARY = re.compile(rb"^mtllib +(.+?) *$", re.MULTILINE)
 _VECTORS = ("-s", "-o", "-t")

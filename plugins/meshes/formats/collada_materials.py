@@ -7,10 +7,10 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from wil_campaign.worlds.scene.mesh_files.beside import image_beside
-from wil_campaign.worlds.scene.mesh_files.looks import PLAIN_RGB, Look, Picture, Wrap
-from wil_campaign.worlds.scene.mesh_files.mesh_polygons import numbers
-from wil_campaign.worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
+from wil_campaign.plugins.meshes.beside import image_beside
+from wil_campaign.plugins.meshes.looks import PLAIN_RGB, Look, Picture, Wrap
+from wil_campaign.plugins.meshes.mesh_polygons import numbers
+from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 
 _SHADERS = ("lambert", "phong", "blinn", "constant")
 _WRAPS: Mapping[str, Wrap] = {"MIRROR": "mirror", "CLAMP": "clamp", "BORDER": "clamp"}

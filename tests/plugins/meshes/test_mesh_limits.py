@@ -10,10 +10,11 @@ from typing import Any
 
 import pytest
 
-from tests.worlds.scene.tiny_gltf import gltf
+from tests.plugins.meshes.tiny_gltf import gltf
 from wil_campaign.foundation.files.images import ImageError, decode_image, image_size, read_image
 from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
-from wil_campaign.worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
+from wil_campaign.plugins.meshes.mesh_reader import load_mesh_shape
+from wil_campaign.worlds.scene.mesh_formats import MeshFileError
 from wil_campaign.worlds.scene.textures import load_texture
 
 
@@ -63,7 +64,7 @@ def test_a_triangle_is_a_mesh(tmp_path: Path) -> None:
 def test_instances_are_counted_before_they_are_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any], said: str
 ) -> None:
-    monkeypatch.setattr("wil_campaign.worlds.scene.mesh_files.mesh_reader.read_gltf", _load_nothing)
+    monkeypatch.setattr("wil_campaign.plugins.meshes.mesh_reader.read_gltf", _load_nothing)
     nodes = changes["nodes"]
     roots = range(60_000, 60_002) if len(nodes) > 100 else [len(nodes) - 1]
     path = tmp_path / "many.gltf"
@@ -78,7 +79,7 @@ def _load_nothing(path: Path) -> None:
 def test_faces_are_counted_with_all_instances_before_they_are_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("wil_campaign.worlds.scene.mesh_files.mesh_reader.read_gltf", _load_nothing)
+    monkeypatch.setattr("wil_campaign.plugins.meshes.mesh_reader.read_gltf", _load_nothing)
     path = tmp_path / "many.gltf"
     index = {"bufferView": 1, "componentType": 5123, "count": 150_000, "type": "SCALAR"}
     document = json.loads(gltf())

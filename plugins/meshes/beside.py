@@ -8,7 +8,7 @@ from urllib.parse import unquote
 
 from wil_campaign.foundation.files.limits import MAX_MESH_BYTES, MAX_MESH_PARENTS
 from wil_campaign.foundation.files.paths import is_file
-from wil_campaign.worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
+from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 
 _ABSOLUTE = re.compile(r"(?:/|~|[A-Za-z]:|[A-Za-z][A-Za-z+.-]+:)")
 """A path of one machine, or an address: file:, model:, package:, https:."""

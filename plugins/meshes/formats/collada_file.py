@@ -12,16 +12,16 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from wil_campaign.worlds.scene.mesh_files.formats.collada_materials import ColladaMaterials
-from wil_campaign.worlds.scene.mesh_files.looks import NO_LOOK, FilePart
-from wil_campaign.worlds.scene.mesh_files.mesh_polygons import (
+from wil_campaign.plugins.meshes.formats.collada_materials import ColladaMaterials
+from wil_campaign.plugins.meshes.looks import NO_LOOK, FilePart
+from wil_campaign.plugins.meshes.mesh_polygons import (
     Integers,
     Polygons,
     check_polygons,
     fans,
     numbers,
 )
-from wil_campaign.worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
+from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 from wil_campaign.worlds.scene.meshes import FloatArray
 
 _SURFACES = frozenset({"triangles", "polylist", "polygons", "tristrips", "trifans"})

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.worlds.scene.tiny_gltf import INDICES, TRIANGLE, gltf
-from wil_campaign.worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
+from tests.plugins.meshes.tiny_gltf import INDICES, TRIANGLE, gltf
+from wil_campaign.plugins.meshes.mesh_reader import load_mesh_shape
+from wil_campaign.worlds.scene.mesh_formats import MeshFileError
 
 DRACO = "KHR_draco_mesh_compression"
 INSTANCING = "EXT_mesh_gpu_instancing"

@@ -4,14 +4,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from wil_campaign.foundation.files.limits import MAX_MESH_BYTES
-from wil_campaign.worlds.scene.mesh_files.beside import file_beside, image_beside
-from wil_campaign.worlds.scene.mesh_files.formats.collada_materials import path_of
-from wil_campaign.worlds.scene.mesh_files.formats.gltf_file import open_gltf
-from wil_campaign.worlds.scene.mesh_files.formats.obj_file import libraries_named
-from wil_campaign.worlds.scene.mesh_files.formats.obj_materials import images_of
-from wil_campaign.worlds.scene.mesh_files.formats.ply_file import texture_named
-from wil_campaign.worlds.scene.mesh_files.mesh_limits import open_collada
-from wil_campaign.worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
+from wil_campaign.plugins.meshes.beside import file_beside, image_beside
+from wil_campaign.plugins.meshes.formats.collada_materials import path_of
+from wil_campaign.plugins.meshes.formats.gltf_file import open_gltf
+from wil_campaign.plugins.meshes.formats.obj_file import libraries_named
+from wil_campaign.plugins.meshes.formats.obj_materials import images_of
+from wil_campaign.plugins.meshes.formats.ply_file import texture_named
+from wil_campaign.plugins.meshes.mesh_limits import open_collada
+from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 
 
 def files_named_by_mesh(path: Path) -> list[Path]:

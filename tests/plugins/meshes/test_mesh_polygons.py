@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.worlds.scene.mesh_files.mesh_polygons import Polygons, check_polygons
-from wil_campaign.worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
-from wil_campaign.worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
+from wil_campaign.plugins.meshes.mesh_polygons import Polygons, check_polygons
+from wil_campaign.plugins.meshes.mesh_reader import load_mesh_shape
+from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
+from wil_campaign.worlds.scene.mesh_formats import MeshFileError
 
 Outline = list[tuple[float, float]]
 

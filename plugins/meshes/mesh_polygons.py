@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
+from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 from wil_campaign.worlds.scene.meshes import FloatArray
 
 _DEPTH_SHARE = 1e-3

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from wil_campaign.worlds.scene.mesh_files.mesh_reader import (
+from wil_campaign.plugins.meshes.mesh_reader import (
     Z_UP,
-    MeshFileError,
     load_mesh_shape,
 )
+from wil_campaign.worlds.scene.mesh_formats import MeshFileError
 
 ASSET = '<asset><unit meter="1"/><up_axis>Z_UP</up_axis></asset>'
 SOURCE = (

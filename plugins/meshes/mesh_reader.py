@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -18,21 +17,22 @@ import numpy as np
 from wil_campaign.foundation.files.lfs import LFS_POINTER, is_lfs_pointer
 from wil_campaign.foundation.files.limits import MAX_MESH_FACES
 from wil_campaign.foundation.files.paths import is_file
-from wil_campaign.worlds.frames import Pose
-from wil_campaign.worlds.scene.mesh_files.formats.collada_file import read_collada
-from wil_campaign.worlds.scene.mesh_files.formats.gltf_file import open_gltf, read_gltf
-from wil_campaign.worlds.scene.mesh_files.formats.obj_file import read_obj
-from wil_campaign.worlds.scene.mesh_files.formats.ply_file import read_ply
-from wil_campaign.worlds.scene.mesh_files.formats.stl_file import read_stl
-from wil_campaign.worlds.scene.mesh_files.looks import FilePart, Painter
-from wil_campaign.worlds.scene.mesh_files.mesh_limits import (
+from wil_campaign.plugins.meshes.formats.collada_file import read_collada
+from wil_campaign.plugins.meshes.formats.gltf_file import open_gltf, read_gltf
+from wil_campaign.plugins.meshes.formats.obj_file import read_obj
+from wil_campaign.plugins.meshes.formats.ply_file import read_ply
+from wil_campaign.plugins.meshes.formats.stl_file import read_stl
+from wil_campaign.plugins.meshes.looks import FilePart, Painter
+from wil_campaign.plugins.meshes.mesh_limits import (
     MeshLimitError,
     check_gltf,
     check_ply,
     check_size,
     open_collada,
 )
-from wil_campaign.worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
+from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.mesh_formats import Axes, MeshFileError, Unit
 from wil_campaign.worlds.scene.meshes import FloatArray, Mesh, merge
 from wil_campaign.worlds.scene.parts import Part, SurfaceShape
 from wil_campaign.worlds.scene.shapes import Shape
@@ -122,9 +122,6 @@ _DIAGNOSES: Mapping[str, Callable[[bytes], str]] = {
 }
 
 
-Unit = Literal["m", "cm", "mm", "in", "ft"]
-Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
-
 METRES: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 SUFFIXES = (".obj", ".stl", ".glb", ".gltf", ".dae", ".ply")
 MAX_FACES = MAX_MESH_FACES
@@ -134,34 +131,10 @@ _NO_AREA = 1e-12
 """Of the square of the longest edge: what is left of no area after rounding."""
 
 
-class MeshFileError(Exception):
-    """A mesh file that cannot be used, and why."""
-
-
-@dataclass(frozen=True, slots=True)
-class Axes:
-    """Which axes of a mesh file point up and forward."""
-
-    up: Axis
-    forward: Axis
-
-    def frd_from_file(self) -> FloatArray:
-        """Return the matrix from a mesh file's axes to forward, right, down."""
-        forward, up = _unit(self.forward), _unit(self.up)
-        return np.stack([forward, np.cross(forward, up), -up])
-
-
 Y_UP = Axes("y", "z")
 """glTF 2.0, section 3.4: +Y up, +Z forward; Collada's default is Y up as well."""
 Z_UP = Axes("z", "x")
 """REP 103: x forward, z up."""
-
-
-def _unit(axis: Axis) -> FloatArray:
-    """Return the unit vector of a mesh file's axis name ("-y")."""
-    vector = np.zeros(3)
-    vector["xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
-    return vector
 
 
 def default_axes(path: Path, asset: "Asset") -> Axes:

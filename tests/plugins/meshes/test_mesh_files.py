@@ -8,11 +8,12 @@ import pytest
 import trimesh
 from PIL import Image
 
-from tests.worlds.scene.tiny_gltf import gltf
+from tests.plugins.meshes.tiny_gltf import gltf
+from wil_campaign.plugins.meshes.mesh_reader import load_mesh_shape
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer
-from wil_campaign.worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
+from wil_campaign.worlds.scene.mesh_formats import MeshFileError
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 from wil_campaign.worlds.scene.smoothing import smoothed
 
@@ -187,7 +188,7 @@ def test_an_obj_of_another_encoding_is_read(tmp_path: Path) -> None:
 
 
 def test_a_mesh_too_large_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wil_campaign.worlds.scene.mesh_files.mesh_reader.MAX_FACES", 11)
+    monkeypatch.setattr("wil_campaign.plugins.meshes.mesh_reader.MAX_FACES", 11)
     trimesh.creation.box((1, 1, 1)).export(tmp_path / "b.stl")
     with pytest.raises(MeshFileError, match="more than 11 faces"):
         load_mesh_shape(tmp_path / "b.stl")

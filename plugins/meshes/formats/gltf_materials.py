@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from wil_campaign.worlds.scene.mesh_files.beside import image_beside
-from wil_campaign.worlds.scene.mesh_files.looks import Affine, AlphaOf, Look, Picture, Wrap
-from wil_campaign.worlds.scene.mesh_files.mesh_support import (
+from wil_campaign.plugins.meshes.beside import image_beside
+from wil_campaign.plugins.meshes.looks import Affine, AlphaOf, Look, Picture, Wrap
+from wil_campaign.plugins.meshes.mesh_support import (
     UnsupportedMeshError,
     check_gltf_material,
 )

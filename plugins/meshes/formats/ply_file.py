@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from wil_campaign.worlds.scene.mesh_files.beside import image_beside
-from wil_campaign.worlds.scene.mesh_files.looks import NO_LOOK, FilePart, Look, Picture
-from wil_campaign.worlds.scene.mesh_files.mesh_polygons import (
+from wil_campaign.plugins.meshes.beside import image_beside
+from wil_campaign.plugins.meshes.looks import NO_LOOK, FilePart, Look, Picture
+from wil_campaign.plugins.meshes.mesh_polygons import (
     Integers,
     check_polygons,
     fans,
     ply_polygons,
 )
-from wil_campaign.worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
+from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 from wil_campaign.worlds.scene.meshes import FloatArray
 
 _HEAD_BYTES = 65536

@@ -22,7 +22,7 @@ from wil_campaign.foundation.files.limits import (
     MAX_MESH_VALUES,
 )
 from wil_campaign.foundation.files.paths import is_file
-from wil_campaign.worlds.scene.mesh_files.mesh_support import check_gltf_support
+from wil_campaign.plugins.meshes.mesh_support import check_gltf_support
 
 _STRIP_MODES = frozenset({5, 6})
 """TRIANGLE_STRIP and TRIANGLE_FAN: a face for each index, glTF 2.0, 3.7.2.1."""

@@ -12,16 +12,16 @@ import numpy as np
 
 from wil_campaign.foundation.files.lfs import is_lfs_pointer
 from wil_campaign.foundation.files.limits import MAX_MESH_FACES, MAX_MESH_VALUES
-from wil_campaign.worlds.scene.mesh_files.formats.obj_materials import Materials, libraries_of
-from wil_campaign.worlds.scene.mesh_files.looks import FilePart
-from wil_campaign.worlds.scene.mesh_files.mesh_polygons import (
+from wil_campaign.plugins.meshes.formats.obj_materials import Materials, libraries_of
+from wil_campaign.plugins.meshes.looks import FilePart
+from wil_campaign.plugins.meshes.mesh_polygons import (
     Integers,
     Polygons,
     check_polygons,
     fans,
     numbers,
 )
-from wil_campaign.worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
+from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 from wil_campaign.worlds.scene.meshes import FloatArray
 
 _MARGIN = re.compile(rb"^ +", re.MULTILINE)

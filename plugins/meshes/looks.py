@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wil_campaign.foundation.files.images import ImageError, decode_image, read_image, read_tga
+from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
 from wil_campaign.worlds.scene.colors import Rgb, srgb_of_linear
-from wil_campaign.worlds.scene.mesh_files.mesh_support import UnsupportedMeshError
 from wil_campaign.worlds.scene.meshes import BgrTexture, FloatArray, IntArray, Material
 from wil_campaign.worlds.scene.textures import to_powers_of_two
 

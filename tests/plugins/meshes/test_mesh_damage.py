@@ -7,7 +7,8 @@ import pytest
 import trimesh
 
 from wil_campaign.foundation.files.problems import closest_file
-from wil_campaign.worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
+from wil_campaign.plugins.meshes.mesh_reader import load_mesh_shape
+from wil_campaign.worlds.scene.mesh_formats import MeshFileError
 
 KINDS = ("obj", "stl", "glb", "gltf", "dae", "ply")
 LFS = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"
