@@ -433,7 +433,7 @@ def test_depth_that_is_spoiled_proves_nothing(
         return core(s)
 
     def spoil_depth(given: dict[str, Any]) -> dict[str, Any] | None:
-        if flown[0] > -0.3 and "start" not in what:
+        if flown[0] > -0.1 and "start" not in what:
             return given
         return None if changes is None else given | changes
 
@@ -441,7 +441,8 @@ def test_depth_that_is_spoiled_proves_nothing(
     monkeypatch.setattr(FakeDepth, "spoil", staticmethod(spoil_depth), raising=False)
     monkeypatch.setattr(external_readings, "ZmqReadings", FakeDepth)
     monkeypatch.setattr(ReadingSourceSetup, "needs_wall_clock", property(lambda _: False))
-    result, folder = fly_run(sets=depth_flight(tmp_path, "tcp://127.0.0.1:5580"), has_cameras=False)
+    sets = (*depth_flight(tmp_path, "tcp://127.0.0.1:5580"), "goal.altitude_m=1")
+    result, folder = fly_run(sets=sets, has_cameras=False)
     assert result.verdict == verdict, result.reason
     assert said in result.reason
     assert all_landed(folder) or verdict == "ERROR"
