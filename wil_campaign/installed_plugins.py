@@ -23,6 +23,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "ci": {"announcers": ("ci",), "problem_formats": ("sarif", "codequality")},
     "cluster": {"commands": ("bench", "bench check", "bench serve"), "engines": ("ray",)},
     "console": {"commands": ("console",), "live_views": ("console",)},
+    "depth_cameras": {"sources": ("rtp", "realsense")},
     "foxglove": {"live_views": ("foxglove",)},
     "injection": {"run_observers": ("inject",)},
     "logs": {"starters": ("log",)},

@@ -15,7 +15,7 @@ from wil_campaign.campaigns.values.external_setups import (
     SourceKind,
     SourceSetup,
 )
-from wil_campaign.campaigns.values.sensor_setups import OtherSetup, SensorSetup
+from wil_campaign.campaigns.values.sensor_setups import OtherSetup, SensorSetup, SourcedSetup
 from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.foundation.files.paths import exists, is_folder
 from wil_campaign.hooks import sources
@@ -239,7 +239,7 @@ class SourcedPart(CarriedPart):
 
     source: ReadingSourcePart | None = None
 
-    def setup(self, name: str) -> OtherSetup:
+    def setup(self, name: str) -> SourcedSetup:
         """Return the setup of the sensor, without its source."""
         if not isinstance(self, SensorOptions):
             raise TypeError(f"{type(self).__name__} has no options of a sensor")

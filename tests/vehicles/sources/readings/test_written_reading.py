@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.recipes.samples import beam, cloud, depth, fix, imu, pose, scan
-from wil_campaign.vehicles.readings import MicrophoneReading, Reading, sensor_type_of
+from wil_campaign.vehicles.readings import DepthReading, MicrophoneReading, Reading, sensor_type_of
 from wil_campaign.vehicles.sources.messagepack import Header
 from wil_campaign.vehicles.sources.readings.reading_message import (
     Sampled,
@@ -64,3 +64,7 @@ def test_a_depth_image_has_its_camera() -> None:
     values = header.array("depth_m", np.dtype("<f4"), most=100).reshape(size)
     assert np.array_equal(values, reading.depth_m)
     assert camera.number("fx_px") == reading.intrinsics.fx_px
+    when = Sampled(1.0, 1.0, "twin", Pose((0, 0, 0)), reading.intrinsics)
+    back = read_reading(header, "depth", when)
+    assert isinstance(back, DepthReading)
+    assert np.array_equal(back.depth_m, reading.depth_m)
