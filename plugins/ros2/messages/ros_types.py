@@ -8,6 +8,8 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from wil_campaign.plugins.ros2.messages.trigger import TRIGGER, TRIGGER_HASH
+
 DISTRIBUTIONS = {
     "humble": Stores.ROS2_HUMBLE,
     "iron": Stores.ROS2_IRON,
@@ -81,7 +83,9 @@ class RosTypes:
 
     def hash(self, name: str) -> str:
         """Return the hash of a type's definition (REP 2016)."""
-        return self._store.hash_rihs01(name) if self._hashed else _NO_HASH
+        if not self._hashed:
+            return _NO_HASH
+        return TRIGGER_HASH if name == TRIGGER else self._store.hash_rihs01(name)
 
     def definition(self, name: str) -> str:
         """Return the text of a type's definition and of those it contains, as bags have it."""
