@@ -51,6 +51,7 @@ class Ros2Part(Part):
     rmw_zenoh and of nodes without ROS; or rclpy, of any middleware that the node's own Python has.
     python: the interpreter that has rclpy. distribution: whose message definitions count. topics:
     other names for topics by their names here; null is not published, or not listened to.
+    px4_msgs: the folder of PX4's message definitions, for a node that flies by them.
     compressed: whether images are published as CompressedImage, too. needs: topics without which
     the node is blind. barrier: what time waits for. start_s: how long the node may take until it
     subscribes. silent_s: how long it may publish no setpoint. domain: of ROS; by default a free one
@@ -67,6 +68,7 @@ class Ros2Part(Part):
     python: Annotated[str, Field(min_length=1)] = "python3"
     distribution: Distribution = "jazzy"
     topics: dict[Topic, Topic | None] = Field(default_factory=dict)
+    px4_msgs: Annotated[str, Field(min_length=1)] | None = None
     compressed: bool = False
     needs: list[Topic] = Field(default_factory=list)
     barrier: BarrierPart | None = None

@@ -7,15 +7,18 @@ are those of rmw_zenoh_cpp from 0.2 on (docs/design.md there, attachment_helpers
 import socket
 import struct
 import threading
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from itertools import count
 from typing import Any
 
 import zenoh
 import zenoh.handlers
 
+from wil_campaign.plugins.ros2.messages.ros_messages import TEXT, RosMessages
 from wil_campaign.plugins.ros2.messages.ros_types import RosTypes, dds_name, ros_name
-from wil_campaign.plugins.ros2.messages.topics import OutTopic
+from wil_campaign.plugins.ros2.messages.topics import ABORT, DONE, GOAL, OutTopic
+from wil_campaign.plugins.ros2.messages.trigger import TRIGGER, trigger_response
 from wil_campaign.plugins.ros2.wire import InMessage, Take, WireError
 
 _HOST = "127.0.0.1"
@@ -41,6 +44,8 @@ class ZenohWire:
         self._lock = threading.Lock()
         self._publishers: dict[str, _Publisher] = {}
         self._subscribers: list[Any] = []
+        self._latest: dict[str, bytes] = {}
+        """What was published last on topics that a service tells."""
         self._tokens: list[Any] = []
         self._zid = str(self._session.info.zid())
         self._declare_token(f"@ros2_lv/{domain}/{self._zid}/0/0/NN/%/%/{_NODE}")
@@ -57,6 +62,9 @@ class ZenohWire:
         gid = entity.to_bytes(_GID_BYTES, "little")
         self._publishers[name] = _Publisher(publisher, gid)
         self._declare_entity(f"{entity}/MP", name, topic.type, _QUALITIES[topic.quality])
+        if topic.name == GOAL:
+            self._latest[name] = b""
+            self._serve(name, lambda: self._newest_text(name))
 
     def listen(self, name: str, type_: str, take: Take) -> None:
         """Call `take` with each message on a topic."""
@@ -72,13 +80,24 @@ class ZenohWire:
         subscriber = self._session.declare_subscriber(f"{self._domain}{name}/*/*", in_order)
         self._subscribers.append(subscriber)
         self._declare_entity(f"{next(self._entities)}/MS", name, type_, _QUALITIES["reliable"])
+        if name in {ABORT, DONE}:
+            by_service = RosMessages(self._types).text(f"by the service {name}")
+
+            def send() -> bytes:
+                take(InMessage(name, TEXT, by_service))
+                return trigger_response("", is_success=True)
+
+            self._serve(name, send)
 
     def is_subscribed(self, name: str) -> bool:
-        """Return whether anybody subscribes to an advertised topic."""
-        return bool(self._publishers[name].publisher.matching_status.matching)
+        """Return whether anybody subscribes to an advertised topic, or a service tells it."""
+        is_heard = bool(self._publishers[name].publisher.matching_status.matching)
+        return is_heard or name in self._latest
 
     def publish(self, name: str, cdr: bytes, stamp_ns: int) -> bool:
         """Publish a message; return whether zenoh took it."""
+        if name in self._latest:
+            self._latest[name] = cdr
         one = self._publishers[name]
         with self._lock:
             one.sent += 1
@@ -105,8 +124,27 @@ class ZenohWire:
         """Close the session."""
         self._session.close()
 
+    def _newest_text(self, name: str) -> bytes:
+        """Return the answer of a service that tells the newest text of a topic."""
+        cdr = self._latest[name]
+        text = str(self._types.deserialize(cdr, TEXT).data) if cdr else ""
+        return trigger_response(text, is_success=bool(cdr))
+
+    def _serve(self, name: str, answer: Callable[[], bytes]) -> None:
+        """Offer a service of std_srvs/Trigger: a queryable, and its token in the graph."""
+        key = f"{self._domain}{name}/{dds_name(TRIGGER)}/{self._types.hash(TRIGGER)}"
+
+        def on_query(query: Any) -> None:
+            # The client knows its answer by the number and the name that it sent.
+            attached = b"" if query.attachment is None else query.attachment.to_bytes()
+            query.reply(key, answer(), attachment=_answered(attached))
+
+        in_order = zenoh.handlers.Callback(on_query, indirect=False)
+        self._subscribers.append(self._session.declare_queryable(key, in_order, complete=True))
+        self._declare_entity(f"{next(self._entities)}/SS", name, TRIGGER, _QUALITIES["reliable"])
+
     def _declare_entity(self, entity: str, name: str, type_: str, quality: str) -> None:
-        """Declare a publisher (MP) or subscriber (MS), so that `ros2 topic list` shows it.
+        """Declare a publisher (MP), subscriber (MS) or service (SS), so that `ros2` lists it.
 
         entity: its number and kind.
         """
@@ -146,6 +184,14 @@ def _free_port() -> int:
     with socket.socket() as free:
         free.bind((_HOST, 0))
         return int(free.getsockname()[1])
+
+
+def _answered(attachment: bytes) -> bytes:
+    """Return the attachment of an answer: the request's, with the time of the answer."""
+    if len(attachment) < _ATTACHMENT.size:
+        return attachment
+    number, _, length = _ATTACHMENT.unpack_from(attachment)
+    return _ATTACHMENT.pack(number, time.time_ns(), length) + attachment[_ATTACHMENT.size :]
 
 
 def _sender(attachment: bytes) -> str:

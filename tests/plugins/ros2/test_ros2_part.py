@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.hover import write_hover
+from tests.plugins.ros2.px4.definitions import write_definitions
 from wil_campaign.campaigns.expansion.expansion import load_campaign
 from wil_campaign.campaigns.schema import campaign_model
 from wil_campaign.foundation.files.documents import BadInput
@@ -51,12 +52,17 @@ def node_file(tmp_path: Path, text: str) -> Path:
             "nothing is published on '/lidar/scan'",
         ),
         ("{command: [sh], topics: {/odom: null}, needs: [/odom]}", "published on '/odom'"),
+        ("{command: [sh], px4_msgs: no}", "name the folder of px4_msgs, of the release"),
+        ("{command: [sh], px4_msgs: bad}", "the definition of px4_msgs/msg/VehicleStatus is none"),
+        ("{command: [sh], needs: [/fmu/out/vehicle_status]}", "published on '/fmu/out/vehicle_s"),
         ("{launch: no.launch.py}", "there is no file 'no.launch.py' beside the campaign"),
     ],
 )
 def test_faults_are_named_before_anything_starts(tmp_path: Path, text: str, fault: str) -> None:
     file = node_file(tmp_path, text)
     (tmp_path / "plain.txt").write_text("")
+    bad = write_definitions(tmp_path).rename(tmp_path / "bad")
+    (bad / "msg" / "VehicleStatus.msg").write_text("!!\n")
     with pytest.raises(BadInput) as caught:
         load_campaign(file)
     assert fault in str(caught.value)
