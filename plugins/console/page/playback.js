@@ -8,7 +8,7 @@ import { sinceStart } from "./panels/margins.js";
 /** @typedef {import("./model.js").Model} Model */
 
 const STEP_S = 1;
-const MARKED = ["contact", "decisive", "flag"];
+const MARKED = ["contact", "decisive", "flag", "guard", "operator"];
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 10, 100];
 
 export class PlaybackBar {
@@ -78,7 +78,7 @@ export class PlaybackBar {
     this.line.setAttribute("aria-valuetext", `${now} of ${whole} seconds`);
   }
 
-  /** Mark the contacts, flags and decisive events that the page has seen. */
+  /** Mark the events of note that the page has seen. */
   showMarks() {
     const { playback, events, chosen } = this.model;
     const times = events.filter((one) => one.run === chosen && MARKED.includes(one.kind)).map((one) => one.t_s);

@@ -61,6 +61,8 @@ class Drawing {
     this.colours = palette;
     /** Where names stand: left, top, right, bottom. @type {number[][]} */
     this.names = [];
+    /** Names of objects, which are drawn after the vehicles. @type {{place: number[], name: string, colour: string}[]} */
+    this.labels = [];
   }
 
   /** @param {Run} run */
@@ -83,6 +85,7 @@ class Drawing {
       const isLeft = index === 0 && boxes.length > 1;
       this.text(place, name, colour, -8, isLeft ? box[0] - x - 3 - this.context.measureText(name).width : box[2] - x + 3);
     });
+    for (const one of this.labels) this.text(one.place, one.name, one.colour);
   }
 
   /** @param {Run} run */
@@ -146,7 +149,7 @@ class Drawing {
         continue;
       }
       for (const face of thing.faces) faces.push(this.face(face.map((/** @type {number} */ i) => vertices[i]), thing));
-      this.text(vertices[0], thing.name, edge);
+      this.labels.push({ place: vertices[0], name: thing.name, colour: edge });
     }
     faces.sort((one, other) => one.depth - other.depth);
     for (const face of faces) {

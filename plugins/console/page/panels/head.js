@@ -60,7 +60,7 @@ export class Head {
     const view = this.model.run?.view;
     const kind = view?.clock === "wall" ? "" : `, ${view?.clock}`;
     write("time", view ? `${number(sinceStart(view.t_s, view), 1)} s${kind}${leftText(view)}` : "–");
-    write("time-label", `${clock(Date.now())} · run time`);
+    write("time-label", `Run time · ${clock(Date.now())}`);
     write("air", airText(this.model));
     this.showReply();
   }
