@@ -195,6 +195,16 @@ def test_a_fence_changed_in_flight_counts_beside_the_old_one(
     assert len(channel.waiting) == 1
 
 
+def test_a_fence_that_is_only_proposed_makes_no_position_urgent(
+    remote: tuple[RemoteGuard, Noted],
+) -> None:
+    guard, channel = remote
+    small = Fence.box(north_m=(-1, 1), east_m=(-1, 1), up_m=(-1, 6))
+    guard.send(NewFences("anna", {"real": small}, proposed=True))
+    guard.position(PoseSample(1.0, "real", Pose((2.0, 0.0, -1.0)), AT_REST))
+    assert len(channel.waiting) == 1
+
+
 @pytest.mark.parametrize(
     ("kind", "text", "at_once"),
     [
@@ -242,21 +252,23 @@ class Wired:
 
     def __init__(self, folder: Path) -> None:
         ours, self._theirs = channel_pair()
-        self.remote: Any = RemoteGuard(guard_config=guard_config(folder))
-        self.process: Any = GuardProcess(end=ours, lifeline=-1)
-        self.executed: list[Command] = []
+        remote: Any = RemoteGuard(guard_config=guard_config(folder))
+        process: Any = GuardProcess(end=ours, lifeline=-1)
+        self.remote, self.process = remote, process
+        self.executed: list[object] = []
         self.notes: list[str] = []
         self.waited: list[type] = []
-        self.remote._channel = self
-        self.process._guard = SimpleNamespace(send=self.executed.append)
-        self.process._names, self.process._links = ("real", "twin"), [object(), object()]
-        self.process._note = lambda event, text: self.notes.append(f"{event}: {text}")
+        remote._channel = self
+        process._guard = SimpleNamespace(send=self.executed.append)
+        process._names, process._links = ("real", "twin"), [object(), object()]
+        process._note = lambda event, text: self.notes.append(f"{event}: {text}")
 
     def send(self, message: Message) -> None:
         for received in to_guard.decode(to_guard.encode([message])):
             self.process._take(received)
 
     def send_soon(self, message: Message, *, key: object, within_s: float) -> None:
+        assert within_s <= 0.1
         self.waited.append(type(message))
         self.send(message)
 
