@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from tests.safety.guard.remote_rigs import guard_config
-from wil_campaign.foundation.processes.codec import Message
+from wil_campaign.foundation.processes.codec import Message, MessageError
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.commands import (
     Alive,
     AnchorAt,
     BringDown,
+    ClocksApart,
     Command,
     NewFences,
     Operate,
@@ -327,6 +328,14 @@ def test_the_guards_process_tells_its_clock_how_far_the_orchestrator_is(wired: W
     assert len(wired.notes) == 1
 
 
+@pytest.mark.parametrize(
+    "message", [OrchestratorEnded(), VehicleGone("twin", ""), ClocksApart("twin", "")], ids=repr
+)
+def test_what_a_guards_process_finds_itself_comes_from_no_orchestrator(message: Message) -> None:
+    with pytest.raises(MessageError):
+        to_guard.decode(to_guard.encode([message]))
+
+
 @pytest.mark.parametrize("ending", [False, True])
 def test_the_end_of_a_vehicles_process_is_the_guards_matter_until_all_end(
     wired: Wired, *, ending: bool
@@ -340,10 +349,15 @@ def test_the_end_of_a_vehicles_process_is_the_guards_matter_until_all_end(
 
 async def test_a_guard_without_its_orchestrator_lands_all_before_it_ends(wired: Wired) -> None:
     busy = iter([("real",), ()])
-    wired.process._guard.core = SimpleNamespace(may_be_armed=lambda _: next(busy))
+
+    def may_be_armed(_: float) -> tuple[str, ...]:
+        assert wired.executed == [OrchestratorEnded()]
+        return next(busy)
+
+    wired.process._guard.core = SimpleNamespace(may_be_armed=may_be_armed)
     wired.process._guard_config = SimpleNamespace(patience_s=60.0)
     await wired.process._last()
-    assert wired.executed == [OrchestratorEnded()]
+    assert next(busy, None) is None
 
 
 @pytest.mark.parametrize(
