@@ -6,6 +6,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.safety.guard.guard_rigs import (
     DRIVER,
+    FENCE,
     GCS,
     abort,
     make_pair,
@@ -17,12 +18,22 @@ from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.commands import (
     Alive,
     AnchorAt,
+    BringDown,
+    ClocksApart,
+    CoreMessage,
     NewFences,
     Operate,
     OrchestratorEnded,
     VehicleGone,
 )
-from wil_campaign.safety.guard.core.events import ToGcs, ToOrchestrator, ToVehicle, decisive
+from wil_campaign.safety.guard.core.events import (
+    EventKind,
+    GuardEvent,
+    ToGcs,
+    ToOrchestrator,
+    ToVehicle,
+    decisive,
+)
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.autopilots.autopilot import Mode, own_heartbeat
@@ -208,6 +219,34 @@ def test_a_simulator_that_ended_is_reported_and_the_other_vehicle_lands(pair: An
     assert (event.vehicle, event.text) == ("twin", "twin: its simulator ended")
     pair.fly(20.0)
     assert not pair.vehicles["real"].armed
+    assert pair.kinds() == ["lost", "heard"], "its messages still arrive"
+
+
+@pytest.mark.parametrize(
+    ("message", "kind", "vehicle", "text"),
+    [
+        (Operate(OperatorCommand("abort", "anna")), "abort", "", "aborted by anna"),
+        (Operate(OperatorCommand("hold", "anna")), "hold", "", "held by anna"),
+        (BringDown("the twin is late"), "bring_down", "", "the twin is late"),
+        (NewFences("anna", {"twin": FENCE}), "geofence", "", "anna changed the fence of twin"),
+        (VehicleGone("twin", "twin ended"), "lost", "twin", "twin ended"),
+        (ClocksApart("twin", "twin is behind"), "clock", "twin", "twin is behind"),
+        (OrchestratorEnded(), "silence", "", "the orchestrator ended"),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_a_message_is_applied_at_its_time_and_reported_in_its_words(
+    pair: Any, message: CoreMessage, kind: EventKind, vehicle: str, text: str
+) -> None:
+    at_s = pair.t_s + 0.01
+    outputs = pair.core.apply(message, at_s)
+    events = [one for one in outputs if isinstance(one, GuardEvent) and one.kind != "action"]
+    assert events == [GuardEvent(at_s, kind, vehicle, text)]
+
+
+def test_the_guard_reads_no_files_of_fences(pair: Any) -> None:
+    with pytest.raises(ValueError, match="the guard takes parsed fences"):
+        pair.core.apply(Operate(OperatorCommand("geofence", "anna", document="a file")), 1.0)
 
 
 @pytest.mark.parametrize("lands", [True, False])
@@ -235,6 +274,9 @@ def test_an_anchor_shifts_and_turns_a_vehicles_estimate(pair: Any) -> None:
     """Six metres to its east by its own estimate are inside the fence's north side."""
     pair.blind = True
     pair.apply(pair.core.apply(AnchorAt("real", (-2.0, 0.0, 0.0), -math.pi / 2), pair.t_s))
+    far = mavlink.MAVLink_local_position_ned_message(0, 50.0, 0, -2, 0, 0, 0)
+    twins = pair.vehicles["twin"].codec.pack(far)
+    pair.apply(pair.core.from_vehicle("twin", twins, pair.t_s + 0.5))
     for east_m, latched in ((6.0, None), (8.0, "fence")):
         message = mavlink.MAVLink_local_position_ned_message(0, 0, east_m, -2, 0, 0, 0)
         frame = pair.vehicles["real"].codec.pack(message)

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from tests.safety.guard.remote_rigs import guard_config
-from wil_campaign.foundation.processes.codec import Message
+from wil_campaign.foundation.processes.codec import Message, MessageError
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.commands import (
     Alive,
     AnchorAt,
     BringDown,
+    ClocksApart,
     Command,
     NewFences,
     Operate,
@@ -195,6 +196,16 @@ def test_a_fence_changed_in_flight_counts_beside_the_old_one(
     assert len(channel.waiting) == 1
 
 
+def test_a_fence_that_is_only_proposed_makes_no_position_urgent(
+    remote: tuple[RemoteGuard, Noted],
+) -> None:
+    guard, channel = remote
+    small = Fence.box(north_m=(-1, 1), east_m=(-1, 1), up_m=(-1, 6))
+    guard.send(NewFences("anna", {"real": small}, proposed=True))
+    guard.position(PoseSample(1.0, "real", Pose((2.0, 0.0, -1.0)), AT_REST))
+    assert len(channel.waiting) == 1
+
+
 @pytest.mark.parametrize(
     ("kind", "text", "at_once"),
     [
@@ -242,21 +253,23 @@ class Wired:
 
     def __init__(self, folder: Path) -> None:
         ours, self._theirs = channel_pair()
-        self.remote: Any = RemoteGuard(guard_config=guard_config(folder))
-        self.process: Any = GuardProcess(end=ours, lifeline=-1)
-        self.executed: list[Command] = []
+        remote: Any = RemoteGuard(guard_config=guard_config(folder))
+        process: Any = GuardProcess(end=ours, lifeline=-1)
+        self.remote, self.process = remote, process
+        self.executed: list[object] = []
         self.notes: list[str] = []
         self.waited: list[type] = []
-        self.remote._channel = self
-        self.process._guard = SimpleNamespace(send=self.executed.append)
-        self.process._names, self.process._links = ("real", "twin"), [object(), object()]
-        self.process._note = lambda event, text: self.notes.append(f"{event}: {text}")
+        remote._channel = self
+        process._guard = SimpleNamespace(send=self.executed.append)
+        process._names, process._links = ("real", "twin"), [object(), object()]
+        process._note = lambda event, text: self.notes.append(f"{event}: {text}")
 
     def send(self, message: Message) -> None:
         for received in to_guard.decode(to_guard.encode([message])):
             self.process._take(received)
 
     def send_soon(self, message: Message, *, key: object, within_s: float) -> None:
+        assert within_s <= 0.1
         self.waited.append(type(message))
         self.send(message)
 
@@ -315,6 +328,14 @@ def test_the_guards_process_tells_its_clock_how_far_the_orchestrator_is(wired: W
     assert len(wired.notes) == 1
 
 
+@pytest.mark.parametrize(
+    "message", [OrchestratorEnded(), VehicleGone("twin", ""), ClocksApart("twin", "")], ids=repr
+)
+def test_what_a_guards_process_finds_itself_comes_from_no_orchestrator(message: Message) -> None:
+    with pytest.raises(MessageError):
+        to_guard.decode(to_guard.encode([message]))
+
+
 @pytest.mark.parametrize("ending", [False, True])
 def test_the_end_of_a_vehicles_process_is_the_guards_matter_until_all_end(
     wired: Wired, *, ending: bool
@@ -328,10 +349,15 @@ def test_the_end_of_a_vehicles_process_is_the_guards_matter_until_all_end(
 
 async def test_a_guard_without_its_orchestrator_lands_all_before_it_ends(wired: Wired) -> None:
     busy = iter([("real",), ()])
-    wired.process._guard.core = SimpleNamespace(may_be_armed=lambda _: next(busy))
+
+    def may_be_armed(_: float) -> tuple[str, ...]:
+        assert wired.executed == [OrchestratorEnded()]
+        return next(busy)
+
+    wired.process._guard.core = SimpleNamespace(may_be_armed=may_be_armed)
     wired.process._guard_config = SimpleNamespace(patience_s=60.0)
     await wired.process._last()
-    assert wired.executed == [OrchestratorEnded()]
+    assert next(busy, None) is None
 
 
 @pytest.mark.parametrize(
