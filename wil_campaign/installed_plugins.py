@@ -20,6 +20,7 @@ from wil_campaign import core_plugin, hooks
 
 SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "calibration": {"commands": ("calibrate",)},
+    "cameras": {"image_sources": ("rtsp", "rtp", "v4l2", "images", "video", "mcap")},
     "ci": {"announcers": ("ci",), "problem_formats": ("sarif", "codequality")},
     "cluster": {"commands": ("bench", "bench check", "bench serve"), "engines": ("ray",)},
     "console": {"commands": ("console",), "live_views": ("console",)},
@@ -40,6 +41,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "pytest": {},  # which pytest finds by its own entry points
     "ros2": {"autonomy_kinds": ("ros2",), "commands": ("export",), "starter_options": ("ros2",)},
     "search": {"campaign_keys": ("search",), "commands": ("search",)},
+    "simulator": {"image_sources": ("simulator",)},
     "standalone": {"commands": ("vehicle",)},
     "statistics": {"commands": ("gap", "compare", "history"), "report_sections": ("statistics",)},
     "stl": {"oracles": ("stl",)},

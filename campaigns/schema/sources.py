@@ -18,8 +18,8 @@ from wil_campaign.campaigns.values.external_setups import (
 from wil_campaign.campaigns.values.sensor_setups import OtherSetup, SensorSetup
 from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.foundation.files.paths import exists, is_folder
-from wil_campaign.hooks import sources
-from wil_campaign.installed_plugins import added, load
+from wil_campaign.hooks import image_sources, sources
+from wil_campaign.installed_plugins import absent, added, load
 from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions
 from wil_campaign.vehicles.sources.readings.mavlink_messages import MESSAGES
 
@@ -90,11 +90,13 @@ class SourcePart(Part):
         """Return the setup of an external source; its files are relative to a folder.
 
         latency_s: of the calibration, where none is given here. Raises KeyFaultError for a missing
-        file.
+        file, and for a kind of source whose plugin is not installed.
         """
         kind, address = self._scheme(), self.address
         if kind is None or address.endswith(".sdp"):
             kind, address = _file(folder, address)
+        if kind in (missing := absent(image_sources)):
+            raise KeyFaultError("address", missing[kind])
         return SourceSetup(
             kind=kind,
             address=address,

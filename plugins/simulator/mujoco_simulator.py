@@ -1,7 +1,7 @@
 """MuJoCo renders the twin's world by docs/simulator-protocol.md: an example for other engines.
 
     pip install mujoco
-    MUJOCO_GL=egl python -m wil_campaign.vehicles.sources.mujoco_simulator --bind tcp://127.0.0.1:5555
+    MUJOCO_GL=egl python -m wil_campaign.plugins.simulator.mujoco_simulator --bind tcp://127.0.0.1:5555
 
 Draws the objects that `hello` lists: square gates, rooms and boxes, at rest or moving. It imports
 nothing of this program. MuJoCo is no dependency of this program: only this file imports it.

@@ -7,20 +7,20 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from wil_campaign.vehicles.readings import BgrImage, DepthImage, IdImage
-from wil_campaign.vehicles.sources.messagepack import BadMessageError, Header, pack
-from wil_campaign.vehicles.sources.simulator.image_parts import (
+from wil_campaign.plugins.simulator.image_parts import (
     Buffer,
     decode_depth,
     decode_ids,
     decode_image,
 )
-from wil_campaign.vehicles.sources.simulator.shown_world import (
+from wil_campaign.plugins.simulator.shown_world import (
     AskedWorld,
     ShownWorld,
     packed_objects,
     shown_world,
 )
+from wil_campaign.vehicles.readings import BgrImage, DepthImage, IdImage
+from wil_campaign.vehicles.sources.messagepack import BadMessageError, Header, pack
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 

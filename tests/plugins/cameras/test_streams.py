@@ -13,17 +13,17 @@ from typing import Any, Self
 import numpy as np
 import pytest
 
-from tests.vehicles.sources.conftest import RATE_HZ, Sender, known_picture, number_of
-from tests.vehicles.sources.pumping import pump
+from tests.plugins.cameras.conftest import RATE_HZ, Sender, known_picture, number_of
+from tests.plugins.cameras.pumping import pump
+from wil_campaign.plugins.cameras import av_grabber
+from wil_campaign.plugins.cameras.camera_factory import live_camera
+from wil_campaign.plugins.cameras.live_camera import LiveCamera
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.vehicles.sources.camera_source import (
     ImageChangedError,
     SourceError,
     SourceStalledError,
 )
-from wil_campaign.vehicles.sources.cameras import av_grabber
-from wil_campaign.vehicles.sources.cameras.camera_factory import live_camera
-from wil_campaign.vehicles.sources.cameras.live_camera import LiveCamera
 from wil_campaign.worlds.camera import Intrinsics
 
 CAMERA = Intrinsics.from_fov(160, 120, 1.2)

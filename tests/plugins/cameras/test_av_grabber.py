@@ -9,10 +9,10 @@ import av
 import cv2
 import pytest
 
-from tests.vehicles.sources.conftest import known_picture, number_of
+from tests.plugins.cameras.conftest import known_picture, number_of
+from wil_campaign.plugins.cameras.av_grabber import AvGrabber
+from wil_campaign.plugins.cameras.av_input import AvInput
 from wil_campaign.vehicles.sources.camera_source import SourceError
-from wil_campaign.vehicles.sources.cameras.av_grabber import AvGrabber
-from wil_campaign.vehicles.sources.cameras.av_input import AvInput
 
 GROUP = 10
 

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol, Self
 
+from wil_campaign.plugins.cameras.frame_stamps import Stamper, source_counts
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, Source
 from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock
 from wil_campaign.vehicles.sources.camera_source import (
@@ -19,7 +20,6 @@ from wil_campaign.vehicles.sources.camera_source import (
     SourceError,
     SourceStalledError,
 )
-from wil_campaign.vehicles.sources.cameras.frame_stamps import Stamper, source_counts
 from wil_campaign.worlds.camera import Intrinsics
 
 _STOP_TIMEOUT_S = 2.0

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.vehicles.sources.pumping import pump
+from tests.plugins.cameras.pumping import pump
+from wil_campaign.plugins.cameras.live_camera import GrabbedImage, LiveCamera
 from wil_campaign.vehicles.sources.camera_source import (
     CameraSource,
     ImageChangedError,
     SourceError,
     SourceStalledError,
 )
-from wil_campaign.vehicles.sources.cameras.live_camera import GrabbedImage, LiveCamera
 from wil_campaign.worlds.camera import Intrinsics
 
 SMALL = Intrinsics.from_fov(8, 6, 1.0)

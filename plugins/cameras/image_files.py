@@ -11,10 +11,10 @@ from wil_campaign.foundation.files.images import ImageError, check_pixels, read_
 from wil_campaign.foundation.files.lfs import LFS_POINTER, is_lfs_file
 from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
 from wil_campaign.foundation.files.paths import is_file
+from wil_campaign.plugins.cameras.av_input import opening_error
+from wil_campaign.plugins.cameras.frame_stamps import check_image
+from wil_campaign.plugins.cameras.recorded_camera import RecordedImage
 from wil_campaign.vehicles.sources.camera_source import IMAGE_SUFFIXES, SourceError
-from wil_campaign.vehicles.sources.cameras.av_input import opening_error
-from wil_campaign.vehicles.sources.cameras.frame_stamps import check_image
-from wil_campaign.vehicles.sources.cameras.recorded_camera import RecordedImage
 
 
 class VideoFile:

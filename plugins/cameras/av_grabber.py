@@ -17,15 +17,15 @@ from typing import Any
 
 import av
 
-from wil_campaign.vehicles.sources.camera_source import SourceError
-from wil_campaign.vehicles.sources.cameras.av_input import (
+from wil_campaign.plugins.cameras.av_input import (
     AvInput,
     no_image_error,
     no_key_frame_error,
     opening_error,
     redacted_address,
 )
-from wil_campaign.vehicles.sources.cameras.live_camera import GrabbedImage
+from wil_campaign.plugins.cameras.live_camera import GrabbedImage
+from wil_campaign.vehicles.sources.camera_source import SourceError
 
 _SLICE, _IDR, _SPS = 1, 5, 7
 _WITH_CHROMA = frozenset({100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135})

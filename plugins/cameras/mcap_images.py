@@ -17,10 +17,10 @@ from mcap.summary import Summary
 from wil_campaign.foundation.files.images import ImageError, decode_image
 from wil_campaign.foundation.files.lfs import LFS_POINTER, is_lfs_file
 from wil_campaign.foundation.files.limits import MAX_CHUNK_BYTES
+from wil_campaign.plugins.cameras.compressed_image import Decode, decoder_for
+from wil_campaign.plugins.cameras.frame_stamps import check_image
+from wil_campaign.plugins.cameras.recorded_camera import RecordedImage
 from wil_campaign.vehicles.sources.camera_source import SourceError
-from wil_campaign.vehicles.sources.cameras.compressed_image import Decode, decoder_for
-from wil_campaign.vehicles.sources.cameras.frame_stamps import check_image
-from wil_campaign.vehicles.sources.cameras.recorded_camera import RecordedImage
 from wil_campaign.vehicles.sources.mcap_limits import (
     DAMAGED,
     RECORD_HEAD,

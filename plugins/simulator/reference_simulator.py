@@ -1,6 +1,6 @@
 """The reference simulator: an example of a bridge for Unity, Unreal, Gazebo or your own engine.
 
-    python -m wil_campaign.vehicles.sources.reference_simulator --world worlds/gate.yaml \
+    python -m wil_campaign.plugins.simulator.reference_simulator --world worlds/gate.yaml \
         --bind tcp://127.0.0.1:5555
 
 It needs a REP socket of ZeroMQ and MessagePack, and of this program only the renderer, which is
@@ -17,7 +17,7 @@ import numpy as np
 import zmq
 
 from wil_campaign.foundation.files.documents import BadInput, load
-from wil_campaign.vehicles.sources.simulator.shown_world import packed_objects, shown_objects
+from wil_campaign.plugins.simulator.shown_world import packed_objects, shown_objects
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer

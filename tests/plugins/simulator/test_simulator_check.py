@@ -13,9 +13,9 @@ import msgpack  # type: ignore[import-untyped]  # ships no types
 import numpy as np
 import pytest
 
-from tests.vehicles.sources.simulator.replier import Replier
-from wil_campaign.orchestrator.external.simulator_check import SimulatorCheck
-from wil_campaign.vehicles.sources.simulator.simulator_camera import SimulatorError, ZmqImageSource
+from tests.plugins.simulator.replier import Replier
+from wil_campaign.plugins.simulator.simulator_camera import SimulatorError, ZmqImageSource
+from wil_campaign.plugins.simulator.simulator_check import SimulatorCheck
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Protocol, Self
 
 from wil_campaign.foundation.clocks.sleeping import sleep_until
+from wil_campaign.plugins.cameras.frame_stamps import Stamper, check_size, source_counts
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, Source
 from wil_campaign.vehicles.sources.camera_source import SourceCounts, SourceError
-from wil_campaign.vehicles.sources.cameras.frame_stamps import Stamper, check_size, source_counts
 from wil_campaign.vehicles.sources.file_player import FilePlayer, PlayedFile
 from wil_campaign.worlds.camera import Intrinsics
 

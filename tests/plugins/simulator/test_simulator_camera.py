@@ -14,15 +14,15 @@ import msgpack  # type: ignore[import-untyped]  # ships no types
 import numpy as np
 import pytest
 
-from tests.vehicles.sources.simulator.replier import Replier, Reply
+from tests.plugins.simulator.replier import Replier, Reply
 from wil_campaign.foundation.files.documents import load
-from wil_campaign.vehicles.cameras.rendered_cameras import ImageSource, OnDemandCamera
-from wil_campaign.vehicles.sources.simulator.shown_world import asked_world
-from wil_campaign.vehicles.sources.simulator.simulator_camera import (
+from wil_campaign.plugins.simulator.shown_world import asked_world
+from wil_campaign.plugins.simulator.simulator_camera import (
     SimulatorError,
     SimulatorTimeoutError,
     ZmqImageSource,
 )
+from wil_campaign.vehicles.cameras.rendered_cameras import ImageSource, OnDemandCamera
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer
@@ -40,7 +40,7 @@ WORLD_ASKED = asked_world(Scene((SMALL_GATE,)), world="gate", case="small")
 
 @pytest.fixture
 def reference() -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
-    command = [sys.executable, "-m", "wil_campaign.vehicles.sources.reference_simulator"]
+    command = [sys.executable, "-m", "wil_campaign.plugins.simulator.reference_simulator"]
     arguments = ["--world", str(WORLD), "--bind", "tcp://127.0.0.1:*"]
     process = subprocess.Popen(  # noqa: S603 - our own program
         [*command, *arguments], cwd=ROOT, stdout=subprocess.PIPE, text=True

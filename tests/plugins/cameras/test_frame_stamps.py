@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from wil_campaign.plugins.cameras.frame_stamps import Stamper
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.vehicles.sources.camera_source import ImageChangedError
-from wil_campaign.vehicles.sources.cameras.frame_stamps import Stamper
 from wil_campaign.worlds.camera import Intrinsics
 
 SMALL = Intrinsics.from_fov(8, 6, 1.0)

@@ -18,12 +18,12 @@ from hypothesis import strategies as st
 from mcap.writer import IndexType, Writer
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.plugins.cameras.compressed_image import CompressedImage, decoder_for
+from wil_campaign.plugins.cameras.image_files import ImageFolder, VideoFile
+from wil_campaign.plugins.cameras.mcap_images import McapFile
+from wil_campaign.plugins.cameras.recorded_camera import ImageFile, RecordedCamera
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.vehicles.sources.camera_source import CameraSource, ImageChangedError, SourceError
-from wil_campaign.vehicles.sources.cameras.compressed_image import CompressedImage, decoder_for
-from wil_campaign.vehicles.sources.cameras.image_files import ImageFolder, VideoFile
-from wil_campaign.vehicles.sources.cameras.mcap_images import McapFile
-from wil_campaign.vehicles.sources.cameras.recorded_camera import ImageFile, RecordedCamera
 from wil_campaign.vehicles.sources.messagepack import BadMessageError
 from wil_campaign.worlds.camera import Intrinsics
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.vehicles.sources.cameras.av_grabber import LossFinder
+from wil_campaign.plugins.cameras.av_grabber import LossFinder
 
 
 def stream(count: int, profile: str = "baseline", **options: str) -> list[bytes]:

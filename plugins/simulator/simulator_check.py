@@ -5,17 +5,21 @@ image is perceived unchanged (mode `sim`), or where a recipe changes the whole i
 """
 
 from collections.abc import Callable, Mapping
+from typing import Self
 
 import numpy as np
 
+from wil_campaign.campaigns.values.external_setups import SourceSetup
+from wil_campaign.orchestrator.model.external_results import SourceResult
+from wil_campaign.plugins.simulator.shown_world import asked_world, poses_of_moving
+from wil_campaign.plugins.simulator.simulator_camera import ZmqImageSource
 from wil_campaign.recipes.visibility.coverage import Coverage, uncovered
 from wil_campaign.recipes.visibility.ids import compare_ids
 from wil_campaign.recipes.visibility.model import FrameVisibility, Ids
 from wil_campaign.recipes.visibility.sampling import sampled_intrinsics, samples_of
 from wil_campaign.vehicles.cameras.rendered_cameras import RenderedImage
-from wil_campaign.vehicles.readings import DepthImage
+from wil_campaign.vehicles.readings import DepthImage, Source
 from wil_campaign.vehicles.sensors.world_views import WorldImages
-from wil_campaign.vehicles.sources.simulator.simulator_camera import ZmqImageSource
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.scene import Scene
@@ -31,6 +35,33 @@ _OFF_M_OF = {"person": 0.3, "quadrotor": 0.1}
 """The same for kinds with the engine's own models, whose limbs and rotors differ in position."""
 
 
+def simulator_images(
+    source: SourceSetup,
+    *,
+    vehicle: Source,
+    sensor: str,
+    scene: Scene,
+    world: str,
+    case: str,
+    events: Mapping[str, float],
+) -> "SimulatorCheck":
+    """Return a simulator's images of a camera, with the check of what they show.
+
+    scene: what it is to show. world, case: their names. events: of the world, by time.
+    """
+    simulator = ZmqImageSource(
+        address=source.address,
+        timeout_s=source.answer_s,
+        open_timeout_s=source.open_s,
+        world=asked_world(scene, world=world, case=case),
+        events=lambda: dict(events),
+        moved=lambda t_s: poses_of_moving(scene, t_s, events),
+    )
+    return SimulatorCheck(
+        simulator=simulator, scene=scene, events=events, vehicle=vehicle, sensor=sensor
+    )
+
+
 class SimulatorCheck:
     """An ImageSource that requests images of a simulator, and measures what they show.
 
@@ -38,9 +69,17 @@ class SimulatorCheck:
     """
 
     def __init__(
-        self, *, simulator: ZmqImageSource, scene: Scene, events: Mapping[str, float]
+        self,
+        *,
+        simulator: ZmqImageSource,
+        scene: Scene,
+        events: Mapping[str, float],
+        vehicle: Source = "twin",
+        sensor: str = "camera",
     ) -> None:
         self._simulator = simulator
+        self._vehicle = str(vehicle)
+        self._sensor = sensor
         self._scene = scene
         self._views = WorldImages(scene=scene, events=events)
         self._is_judged: Callable[[], bool] = lambda: False
@@ -48,6 +87,43 @@ class SimulatorCheck:
         self._shower = f"the simulator at {simulator.name}"
         self.coverage = Coverage(self._shower)
         self.fault = ""
+
+    async def __aenter__(self) -> Self:
+        """Connect to the simulator. Raises SimulatorError."""
+        await self._simulator.__aenter__()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        """Disconnect from the simulator."""
+        await self._simulator.__aexit__()
+
+    async def warm_up(self, camera_pose: Pose, intrinsics: Intrinsics, t_s: float) -> None:
+        """Request a first image, which is not counted. Raises SimulatorError."""
+        await self._simulator.warm_up(camera_pose, intrinsics, t_s)
+
+    @property
+    def disagreements(self) -> tuple[str, ...]:
+        """Return in words where the simulator shows another world than the judged one."""
+        simulator = self._simulator
+        return tuple(f"{simulator.name}: {text}" for text in simulator.disagreements)
+
+    @property
+    def result(self) -> SourceResult:
+        """Return the counts of a simulator's images."""
+        counts = self._simulator.counts
+        return SourceResult(
+            vehicle=self._vehicle,
+            sensor=self._sensor,
+            source="rendered",
+            delivered=counts.answered,
+            dropped=counts.late,
+            missed=counts.timeouts,
+            damaged=counts.garbage + counts.refused,
+            stalls=0,
+            trouble=self._simulator.trouble,
+            measured=self.coverage.frames,
+            not_measured=self.not_measured,
+        )
 
     def begin(self, is_judged: Callable[[], bool]) -> None:
         """Begin to measure images while `is_judged` returns True."""
