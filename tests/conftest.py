@@ -44,6 +44,7 @@ FAST = (
     "orchestrator/report/test_report_words.py",
     "orchestrator/state",
     "plugins/meshes",
+    "plugins/steps",
     "plugins/injection/test_injected_messages.py",
     "plugins/injection/test_injection_check.py",
     "plugins/injection/test_injection_support.py",

@@ -757,6 +757,17 @@ def addresses_of_images(folder: Path) -> list[str]:
     return [kinds[kind] for kind in shipped("image_sources")]
 
 
+def write_recipe_of_steps(folder: Path) -> Path:
+    """Write a recipe of all steps that shipped plugins have, and return its path."""
+    path = folder / "recipe.yaml"
+    names = ", ".join(shipped("recipe_steps"))
+    path.write_text(
+        "schema: wil/recipe/1\nsensors: {camera: {type: camera, rate_hz: 9}}\n"
+        f"combine: [{{sensor: camera, transform: [{names}], merge: overlay, publish: [real]}}]\n"
+    )
+    return path
+
+
 def write_with_mesh(folder: Path, suffix: str) -> Path:
     """Write a campaign in whose world a mesh stands, and return its path."""
     file = write_hover(folder).rename(folder / f"mesh{suffix}.yaml")
@@ -821,6 +832,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
         ),
         *(["init", "first", f"--{name}"] for name in shipped("starter_options")),
     ]
+    words.append(["validate", str(write_recipe_of_steps(tmp_path))])
     done = subprocess.run(  # noqa: S603 - our own interpreter
         [sys.executable, "-P", "-c", ABSENT.format(words=words, out=str(tmp_path / "out"))],
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
@@ -833,10 +845,10 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     assert re.search(r"small +sim +1/1 ", done.stdout)
     named = [*(name.split()[0] for name in commands), *views, *keys, *formats, *engines, *drivers]
     hooks_of_rest = ("vehicle_checks", "operator_channels", "run_options", "autonomy_kinds")
-    hooks_of_rest += ("run_observers", "oracles", "image_sources", "mesh_formats")
+    hooks_of_rest += ("run_observers", "oracles", "image_sources", "mesh_formats", "recipe_steps")
     hooks_of_rest += ("problem_formats", "starter_options")
     named += [name for hook in hooks_of_rest for name in shipped(hook)]
-    assert codes[3:] == [2] * len(named)
+    assert codes[3:] == [2] * (len(words) - 3)
     for name in named:
         assert f"'{name}' is of the plugin " in done.stderr
     assert "which is not installed: pip install " in done.stderr

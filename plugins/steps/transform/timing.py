@@ -5,8 +5,8 @@ from typing import Annotated
 
 from pydantic import Field
 
+from wil_campaign.plugins.steps.operations.interpolation import INTERPOLATED, between
 from wil_campaign.recipes.model.registry import EVERY_SENSOR, Context, SidedParameters, step
-from wil_campaign.recipes.operations.interpolation import INTERPOLATED, between
 from wil_campaign.recipes.working import Align, AnyMasked, CannotMixError, Masked, TimedOperator
 from wil_campaign.vehicles.readings import (
     CameraReading,

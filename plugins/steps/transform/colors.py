@@ -6,14 +6,14 @@ from typing import Annotated, Literal
 import cv2
 from pydantic import Field, model_validator
 
-from wil_campaign.recipes.model.registry import Context, SidedParameters, Stage, step
-from wil_campaign.recipes.operations.photometry import (
+from wil_campaign.plugins.steps.operations.photometry import (
     Correction,
     Corrector,
     correction,
     measure_photometry,
     with_known,
 )
+from wil_campaign.recipes.model.registry import Context, SidedParameters, Stage, step
 from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator
 from wil_campaign.vehicles.readings import BgrImage, CameraReading
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from wil_campaign.plugins.steps.operations.interpolation import between
 from wil_campaign.recipes.model.registry import Context, StepParameters, step
-from wil_campaign.recipes.operations.interpolation import between
 from wil_campaign.recipes.operations.masks import is_kept, kept_elements
 from wil_campaign.recipes.operations.scans import refuse_other_beams
 from wil_campaign.recipes.steps.merge.overlays import refuse_mismatch

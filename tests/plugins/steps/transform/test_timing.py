@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.recipes.samples import beam, build, camera, cloud, fix, imu, pose, scan
-from wil_campaign.recipes.operations.interpolation import INTERPOLATED, between
+from wil_campaign.plugins.steps.operations.interpolation import INTERPOLATED, between
 from wil_campaign.recipes.working import CannotMixError, Masked
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.worlds.frames import Pose, angle_between, quat_from_euler

@@ -9,7 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.recipes.samples import build, camera
-from wil_campaign.recipes.operations.photometry import Correction, Corrector, measure_photometry
+from wil_campaign.plugins.steps.operations.photometry import (
+    Correction,
+    Corrector,
+    measure_photometry,
+)
 from wil_campaign.recipes.working import CannotMixError, Masked
 from wil_campaign.worlds.camera import Intrinsics
 

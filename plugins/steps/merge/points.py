@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from wil_campaign.plugins.steps.transform.frames import remounted
 from wil_campaign.recipes.model.registry import Context, StepParameters, step
 from wil_campaign.recipes.operations.masks import kept_elements
-from wil_campaign.recipes.steps.transform.frames import remounted
 from wil_campaign.recipes.working import AnyMasked, Merge, Sides
 from wil_campaign.vehicles.readings import LidarPointsReading
 from wil_campaign.worlds.frames import Pose

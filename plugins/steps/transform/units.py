@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from wil_campaign.recipes.model.registry import EVERY_SENSOR, Context, SidedParameters, step
-from wil_campaign.recipes.operations.unit_factors import (
+from wil_campaign.plugins.steps.operations.unit_factors import (
     METRES,
     METRES_PER_SECOND,
     METRES_PER_SECOND_SQUARED,
@@ -19,6 +18,7 @@ from wil_campaign.recipes.operations.unit_factors import (
     PressureUnit,
     SpeedUnit,
 )
+from wil_campaign.recipes.model.registry import EVERY_SENSOR, Context, SidedParameters, step
 from wil_campaign.recipes.working import AnyMasked, Masked, Operator
 from wil_campaign.vehicles.readings import (
     CameraReading,

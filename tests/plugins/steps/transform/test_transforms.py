@@ -22,9 +22,9 @@ from tests.recipes.samples import (
     scan,
     sound,
 )
+from wil_campaign.plugins.steps.operations.unit_factors import METRES
 from wil_campaign.recipes.model.registry import find
 from wil_campaign.recipes.operations.step_parameters import RotationPart
-from wil_campaign.recipes.operations.unit_factors import METRES
 from wil_campaign.recipes.working import CannotMixError, Masked
 from wil_campaign.vehicles.readings import sensor_names
 from wil_campaign.worlds.camera import Intrinsics

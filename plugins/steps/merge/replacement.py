@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from wil_campaign.foundation.files.documents import KeyFaultError, Part, closest
+from wil_campaign.plugins.steps.filter.regions import BoxPart, angles_of, in_sector, region_mask
+from wil_campaign.plugins.steps.merge.points import join_clouds, kept_points
+from wil_campaign.plugins.steps.operations.quantities import quantities_of
 from wil_campaign.recipes.model.registry import EVERY_SENSOR, Context, StepParameters, step
 from wil_campaign.recipes.operations.masks import kept_elements
 from wil_campaign.recipes.operations.optics import size_of
-from wil_campaign.recipes.operations.quantities import quantities_of
 from wil_campaign.recipes.operations.scans import refuse_other_beams
 from wil_campaign.recipes.operations.step_parameters import IMAGE_SENSORS
-from wil_campaign.recipes.steps.filter.regions import BoxPart, angles_of, in_sector, region_mask
 from wil_campaign.recipes.steps.merge.overlays import refuse_mismatch
-from wil_campaign.recipes.steps.merge.points import join_clouds, kept_points
 from wil_campaign.recipes.working import AnyMasked, CannotMixError, Merge, Need, Side, Sides
 from wil_campaign.vehicles.readings import (
     CameraReading,
