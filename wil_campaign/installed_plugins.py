@@ -24,6 +24,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "ci": {"announcers": ("ci",), "problem_formats": ("sarif", "codequality")},
     "cluster": {"commands": ("bench", "bench check", "bench serve"), "engines": ("ray",)},
     "console": {"commands": ("console",), "live_views": ("console",)},
+    "doctor": {"commands": ("doctor",)},
     "foxglove": {"live_views": ("foxglove",)},
     "injection": {"run_observers": ("inject",)},
     "logs": {"starters": ("log",)},
@@ -43,6 +44,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "search": {"campaign_keys": ("search",), "commands": ("search",)},
     "simulator": {"image_sources": ("simulator",)},
     "standalone": {"commands": ("vehicle",)},
+    "start": {"commands": ("init", "schema")},
     "statistics": {"commands": ("gap", "compare", "history"), "report_sections": ("statistics",)},
     "steps": {
         "recipe_steps": (

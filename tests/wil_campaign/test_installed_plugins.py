@@ -808,7 +808,6 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
         file = write_hover(tmp_path).rename(tmp_path / f"{name}.yaml")
         file.write_text(file.read_text().replace("px4", f"px4, driver: {name}", 1))
         words.append(["validate", str(file)])
-    words += [["doctor", f"--{check}"] for check in shipped("vehicle_checks")]
     for name in shipped("operator_channels"):
         words.append(["run", gate, *one, "--set", f"operator.{name}.broker=embedded"])
     words += [["run", gate, *one, f"--{name}", "embedded"] for name in shipped("run_options")]
@@ -830,7 +829,6 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
             ["validate", gate, f"--{name}", str(tmp_path / name)]
             for name in shipped("problem_formats")
         ),
-        *(["init", "first", f"--{name}"] for name in shipped("starter_options")),
     ]
     words.append(["validate", str(write_recipe_of_steps(tmp_path))])
     done = subprocess.run(  # noqa: S603 - our own interpreter
@@ -844,9 +842,10 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     assert codes[:3] == [0, 5, 0], done.stdout + done.stderr  # 5: it flew nothing required
     assert re.search(r"small +sim +1/1 ", done.stdout)
     named = [*(name.split()[0] for name in commands), *views, *keys, *formats, *engines, *drivers]
-    hooks_of_rest = ("vehicle_checks", "operator_channels", "run_options", "autonomy_kinds")
-    hooks_of_rest += ("run_observers", "oracles", "image_sources", "mesh_formats", "recipe_steps")
-    hooks_of_rest += ("problem_formats", "starter_options")
+    hooks_of_rest = (
+        *("operator_channels", "run_options", "autonomy_kinds", "run_observers", "oracles"),
+        *("image_sources", "mesh_formats", "recipe_steps", "problem_formats"),
+    )
     named += [name for hook in hooks_of_rest for name in shipped(hook)]
     assert codes[3:] == [2] * (len(words) - 3)
     for name in named:

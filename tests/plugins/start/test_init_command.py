@@ -11,8 +11,8 @@ import yaml
 
 from wil_campaign.campaigns.expansion.expansion import load_campaign
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.cli.commands import init as init_command
 from wil_campaign.orchestrator.installation import program_text
+from wil_campaign.plugins.start import init_command
 
 VEHICLE_WIDTH_M = 0.3
 Capture = pytest.CaptureFixture[str]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from wil_campaign.foundation.files.paths import is_file
-from wil_campaign.orchestrator.doctor.findings import Finding
+from wil_campaign.plugins.doctor.findings import Finding
 
 AUTOPILOTS = "autopilots"
 _DOCKER_S = 5.0

@@ -15,8 +15,8 @@ import psutil
 
 from wil_campaign.foundation.files.paths import is_folder, require_utf8
 from wil_campaign.foundation.files.problems import BadInput
-from wil_campaign.orchestrator.doctor.findings import Finding
 from wil_campaign.orchestrator.run.flight.lateness import LATE_S
+from wil_campaign.plugins.doctor.findings import Finding
 from wil_campaign.safety.guard.process.orphaned_processes import GuardRecord
 from wil_campaign.safety.guard.process.runtime_folder import (
     RuntimeFolderError,

@@ -9,9 +9,9 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from tests.test_house import ROOT
-from wil_campaign.campaigns.schema.json_schemas import SCHEMAS
 from wil_campaign.foundation.files.documents import load, parse
 from wil_campaign.orchestrator.cli import main
+from wil_campaign.plugins.start.json_schemas import SCHEMAS
 from wil_campaign.recipes.model.registry import steps
 from wil_campaign.safety.oracles.registry import oracle_kinds
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from wil_campaign.orchestrator.doctor.findings import Finding
+from wil_campaign.plugins.doctor.findings import Finding
 
 TOPIC = "ports"
 Protocol = Literal["udp", "tcp"]

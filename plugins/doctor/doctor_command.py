@@ -19,10 +19,10 @@ from wil_campaign.orchestrator.cli.plugin_options import (
     takes_options,
 )
 from wil_campaign.orchestrator.cli.standard_streams import err, out
-from wil_campaign.orchestrator.cli.vehicle_check import check_vehicle
-from wil_campaign.orchestrator.doctor import installed, links, machine, ports, programs
-from wil_campaign.orchestrator.doctor.findings import Finding, as_text
 from wil_campaign.orchestrator.state.parameter_backups import NoHomeError, parameter_backup_folder
+from wil_campaign.plugins.doctor import installed, links, machine, ports, programs
+from wil_campaign.plugins.doctor.findings import Finding, as_text
+from wil_campaign.plugins.doctor.vehicle_check import check_vehicle
 from wil_campaign.safety.guard.process.orphaned_processes import records
 from wil_campaign.safety.guard.process.runtime_folder import runtime_folders, unsafe_folders
 from wil_campaign.vehicles.launch.launch_records import find_orphans

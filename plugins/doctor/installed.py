@@ -11,7 +11,7 @@ from wil_campaign import hooks
 from wil_campaign.foundation.processes.linux import usable_cores
 from wil_campaign.hooks import VehicleDriver
 from wil_campaign.installed_plugins import added
-from wil_campaign.orchestrator.doctor.findings import Finding
+from wil_campaign.plugins.doctor.findings import Finding
 
 TOPIC = "installed"
 _OLDEST = (3, 11)

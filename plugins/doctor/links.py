@@ -12,8 +12,8 @@ from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import (
     attached_vehicles,
     flown_vehicles,
 )
-from wil_campaign.orchestrator.doctor.findings import CAMPAIGNS, Finding
-from wil_campaign.orchestrator.doctor.installed import driver_remedy, is_there, package_of
+from wil_campaign.plugins.doctor.findings import CAMPAIGNS, Finding
+from wil_campaign.plugins.doctor.installed import driver_remedy, is_there, package_of
 from wil_campaign.vehicles.links.link import LinkError
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import LinkAddress

@@ -11,7 +11,6 @@ from cyclopts import Parameter
 from wil_campaign.foundation.files.problems import printable
 from wil_campaign.hooks import starter_options, starters
 from wil_campaign.installed_plugins import absent, added, load
-from wil_campaign.orchestrator.cli.commands.schema import schema_texts
 from wil_campaign.orchestrator.cli.plugin_options import (
     NO_OPTIONS,
     PluginOptions,
@@ -21,6 +20,7 @@ from wil_campaign.orchestrator.cli.plugin_options import (
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.installation import pip_requirement, program_text
 from wil_campaign.orchestrator.model.document_writer import write_whole
+from wil_campaign.plugins.start.schema_command import schema_texts
 
 _WORKFLOW = ".github/workflows/wil-campaign.yml"
 _FILES = {
@@ -139,7 +139,7 @@ def _from_log(log: Path, name: str, *, profile: bool) -> dict[str, str]:
 
 def _filled(source: str, name: str) -> str:
     """Return a starter file with the campaign's name."""
-    text = (files("wil_campaign.orchestrator.cli") / "starter" / source).read_text("utf-8")
+    text = (files("wil_campaign.plugins.start") / "starter" / source).read_text("utf-8")
     return text.replace("@NAME@", name).replace("@INSTALL@", _install_step())
 
 

@@ -19,6 +19,7 @@ from pydantic_core import core_schema
 from wil_campaign.campaigns.schema.bench import BenchPart
 from wil_campaign.campaigns.schema.campaign import campaign_model
 from wil_campaign.campaigns.schema.composition import CompositionPart
+from wil_campaign.campaigns.schema.part_summaries import key_places, summary_of
 from wil_campaign.foundation.files.problems import unit_of
 from wil_campaign.recipes.language.recipe_document import CombinePart, RecipePart
 from wil_campaign.recipes.model.registry import OWN_STEP, STAGES, Stage, steps
@@ -201,32 +202,16 @@ def _is_model(annotation: object) -> TypeGuard[type[BaseModel]]:
     return isinstance(annotation, type) and issubclass(annotation, BaseModel)
 
 
-def summary_of(model: type[BaseModel]) -> str:
-    """Return the first sentences of a model's docstring, before the descriptions of its keys."""
-    text = " ".join(inspect.cleandoc(model.__doc__ or "").split())
-    first = next(_key_places(model, text), None)
-    return text if first is None else text[: first.start()].strip()
-
-
 def _key_descriptions(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
     for one in reversed(model.__mro__):
         if not (issubclass(one, BaseModel) and one is not BaseModel):
             continue
         text = " ".join(inspect.cleandoc(one.__doc__ or "").split())
-        places = list(_key_places(model, text))
+        places = list(key_places(model, text))
         for place, after in zip_longest(places, places[1:]):
             own = text[place.end() : None if after is None else after.start()].strip(" .;")
             for key in place[1].split(", "):
                 yield key, own[:1].upper() + own[1:] + "."
-
-
-def _key_places(model: type[BaseModel], text: str) -> Iterator[re.Match[str]]:
-    """Yield the places of a docstring where `key: ` begins, for keys of the model."""
-    keys = {name for name, field in model.model_fields.items()}
-    keys |= {field.alias for field in model.model_fields.values() if field.alias}
-    for place in re.finditer(r"(?:(?<=[.;] )|^)(\w+(?:, \w+)*): ", text):
-        if set(place[1].split(", ")) <= keys:
-            yield place
 
 
 def _with_unit(text: str, key: str) -> str:

@@ -17,8 +17,8 @@ from tests.orchestrator.wall import write_wall
 from tests.ports import free_port
 from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.doctor import installed, links, machine, ports, programs
-from wil_campaign.orchestrator.doctor.findings import Finding, as_text
+from wil_campaign.plugins.doctor import installed, links, machine, ports, programs
+from wil_campaign.plugins.doctor.findings import Finding, as_text
 from wil_campaign.safety.guard.process.orphaned_processes import GuardRecord
 from wil_campaign.worlds.jit import KernelCache
 
