@@ -40,6 +40,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "paper_xml": {"recipe_formats": (".xml",)},
     "programs": {"autonomy_kinds": ("program",)},
     "pytest": {},  # which pytest finds by its own entry points
+    "readings": {"sources": ("zmq", "mcap")},
     "ros2": {"autonomy_kinds": ("ros2",), "commands": ("export",), "starter_options": ("ros2",)},
     "search": {"campaign_keys": ("search",), "commands": ("search",)},
     "simulator": {"image_sources": ("simulator",)},

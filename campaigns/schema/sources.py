@@ -183,12 +183,12 @@ class ReadingSourcePart(Part):
         """Return the kind of source that the address names. Raises KeyFaultError."""
         if self.address == "mavlink":
             return "mavlink"
+        of_plugins = {name: one for name, one in added(sources).items() if name not in OWN_SOURCES}
         match = re.fullmatch(r"tcp://[^:/@\s]+:(\d{1,5})", self.address)
         if match is not None and 0 < int(match[1]) < 65536:
-            return "zmq"
+            return _installed_kind("zmq")
         if self.address.endswith(".mcap") and "://" not in self.address:
-            return "mcap"
-        of_plugins = added(sources)
+            return _installed_kind("mcap")
         scheme, is_scheme, _ = self.address.partition("://")
         if is_scheme and scheme in of_plugins:
             return scheme
@@ -216,6 +216,13 @@ class ReadingSourcePart(Part):
             open_s=self.open_s,
             stall_s=self.stall_s,
         )
+
+
+def _installed_kind(kind: str) -> str:
+    """Return a kind of source of readings; raises KeyFaultError where its plugin is absent."""
+    if why := absent(sources).get(kind):
+        raise KeyFaultError("address", why)
+    return kind
 
 
 class CarriedPart(Part):

@@ -823,6 +823,8 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
         ["run", gate, *one, "--set", f"vehicles.real.sensors.camera.source={address}"]
         for address in addresses_of_images(tmp_path)
     ]
+    gps = "vehicles.real.sensors.gps={type: gps, source: '%s'}"
+    words += [["run", gate, *one, "--set", gps % name] for name in ("tcp://h:5555", "a.mcap")]
     words += [["validate", str(write_with_mesh(tmp_path, end))] for end in shipped("mesh_formats")]
     words += [
         *(
@@ -844,7 +846,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     named = [*(name.split()[0] for name in commands), *views, *keys, *formats, *engines, *drivers]
     hooks_of_rest = (
         *("operator_channels", "run_options", "autonomy_kinds", "run_observers", "oracles"),
-        *("image_sources", "mesh_formats", "recipe_steps", "problem_formats"),
+        *("image_sources", "sources", "mesh_formats", "recipe_steps", "problem_formats"),
     )
     named += [name for hook in hooks_of_rest for name in shipped(hook)]
     assert codes[3:] == [2] * (len(words) - 3)

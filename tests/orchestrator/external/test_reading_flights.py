@@ -12,7 +12,7 @@ from tests.orchestrator.flights import all_landed
 from tests.orchestrator.recording.ros2_bag import write_bag
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading, Recording
-from wil_campaign.orchestrator.recording.topic_readings import TopicReadings
+from wil_campaign.plugins.readings.topic_readings import TopicReadings
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_core import Px4Core
 from wil_campaign.vehicles.readings import (
     ImuReading,

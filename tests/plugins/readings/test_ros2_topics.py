@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from tests.orchestrator.recording.ros2_bag import vector, write_bag
-from wil_campaign.orchestrator.recording.topic_readings import TopicReadings
+from wil_campaign.plugins.readings.ros2_messages import ROS2_TYPES
+from wil_campaign.plugins.readings.topic_readings import TopicReadings
 from wil_campaign.vehicles.readings import (
     GpsReading,
     ImuReading,
@@ -23,7 +24,6 @@ from wil_campaign.vehicles.readings import (
 )
 from wil_campaign.vehicles.readings.checks import fault_after, fault_of
 from wil_campaign.vehicles.sources.camera_source import SourceError
-from wil_campaign.vehicles.sources.readings.ros2_messages import ROS2_TYPES
 from wil_campaign.worlds.frames import Pose, euler_from_quat, quat_from_euler
 
 AT_S = 1_795_000_000.25

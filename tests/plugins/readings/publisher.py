@@ -6,7 +6,7 @@ from typing import Any
 import msgpack  # type: ignore[import-untyped]  # ships no types
 import zmq
 
-from wil_campaign.vehicles.sources.readings.reading_message import PROTOCOL
+from wil_campaign.plugins.readings.reading_message import PROTOCOL
 
 REACH = {"range_min_m": 0.1, "range_max_m": 12.0}
 ALL: dict[str, dict[str, Any]] = {

@@ -10,10 +10,18 @@ import msgpack  # type: ignore[import-untyped]  # ships no types
 import numpy as np
 import pytest
 
+from tests.plugins.readings.publisher import ALL, Publisher, message, publishing
 from tests.vehicles.readings.thermometer import ThermometerReading
-from tests.vehicles.sources.readings.publisher import ALL, Publisher, message, publishing
 from wil_campaign.campaigns.schema.sensors import sensor_parts
 from wil_campaign.campaigns.schema.sources import SourcedPart
+from wil_campaign.plugins.readings import reading_message
+from wil_campaign.plugins.readings.reading_message import (
+    Sampled,
+    read_envelope,
+    read_header,
+    read_reading,
+)
+from wil_campaign.plugins.readings.zmq_readings import ZmqReadings
 from wil_campaign.vehicles.readings import (
     LidarPointsReading,
     LidarScanReading,
@@ -25,15 +33,7 @@ from wil_campaign.vehicles.readings import (
 from wil_campaign.vehicles.readings.checks import fault_of
 from wil_campaign.vehicles.sources.camera_source import SourceError, SourceStalledError
 from wil_campaign.vehicles.sources.messagepack import BadMessageError
-from wil_campaign.vehicles.sources.readings import reading_message
 from wil_campaign.vehicles.sources.readings.live_readings import OLDEST_S
-from wil_campaign.vehicles.sources.readings.reading_message import (
-    Sampled,
-    read_envelope,
-    read_header,
-    read_reading,
-)
-from wil_campaign.vehicles.sources.readings.zmq_readings import ZmqReadings
 from wil_campaign.worlds.frames import AT_ORIGIN
 
 WHEN = Sampled(10.0, 10.01, "real", AT_ORIGIN)
