@@ -44,6 +44,7 @@ FAST = (
     "orchestrator/report/test_report_words.py",
     "orchestrator/state",
     "plugins/meshes",
+    "plugins/steps",
     "plugins/injection/test_injected_messages.py",
     "plugins/injection/test_injection_check.py",
     "plugins/injection/test_injection_support.py",
@@ -146,7 +147,7 @@ WALL = (
     "plugins/mavsdk",
     "wil_campaign/foundation/processes/test_other_systems.py",
     "vehicles/sources/readings/test_zmq_readings.py",
-    "vehicles/sources/test_streams.py",
+    "plugins/cameras/test_streams.py",
 )
 """What waits on the wall clock: it leaves the processor idle most of the time."""
 

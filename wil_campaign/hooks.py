@@ -300,6 +300,20 @@ class SensorSource:
 
 
 @dataclass(frozen=True, slots=True)
+class ImageSourceKind:
+    """A kind of sources of a camera's images, as the address in a campaign says it.
+
+    name: the kind (`SourceKind` of campaigns/values/external_setups.py). open: a function of a
+    SourceSetup; of a kind that renders on request with the keywords of `requested_images`
+    (orchestrator/external/requested_images.py), which returns RequestedImages, else with the
+    keywords `intrinsics`, `side` and `rate_hz`, which returns a CameraSource.
+    """
+
+    name: str
+    open: str
+
+
+@dataclass(frozen=True, slots=True)
 class MeshFormat:
     """A format of mesh files, which worlds name.
 
@@ -386,6 +400,11 @@ def engines() -> Sequence[Engine]:  # type: ignore[empty-body]
 @_hook
 def recipe_formats() -> Sequence[RecipeFormat]:  # type: ignore[empty-body]
     """Return formats of recipe files."""
+
+
+@_hook
+def image_sources() -> Sequence[ImageSourceKind]:  # type: ignore[empty-body]
+    """Return kinds of sources of cameras' images."""
 
 
 @_hook

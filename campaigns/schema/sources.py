@@ -18,8 +18,8 @@ from wil_campaign.campaigns.values.external_setups import (
 from wil_campaign.campaigns.values.sensor_setups import OtherSetup, SensorSetup, SourcedSetup
 from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.foundation.files.paths import exists, is_folder
-from wil_campaign.hooks import sources
-from wil_campaign.installed_plugins import added, load
+from wil_campaign.hooks import image_sources, sources
+from wil_campaign.installed_plugins import absent, added, load
 from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions
 from wil_campaign.vehicles.sources.readings.mavlink_messages import MESSAGES
 
@@ -90,11 +90,13 @@ class SourcePart(Part):
         """Return the setup of an external source; its files are relative to a folder.
 
         latency_s: of the calibration, where none is given here. Raises KeyFaultError for a missing
-        file.
+        file, and for a kind of source whose plugin is not installed.
         """
         kind, address = self._scheme(), self.address
         if kind is None or address.endswith(".sdp"):
             kind, address = _file(folder, address)
+        if kind in (missing := absent(image_sources)):
+            raise KeyFaultError("address", missing[kind])
         return SourceSetup(
             kind=kind,
             address=address,
@@ -181,12 +183,12 @@ class ReadingSourcePart(Part):
         """Return the kind of source that the address names. Raises KeyFaultError."""
         if self.address == "mavlink":
             return "mavlink"
+        of_plugins = {name: one for name, one in added(sources).items() if name not in OWN_SOURCES}
         match = re.fullmatch(r"tcp://[^:/@\s]+:(\d{1,5})", self.address)
         if match is not None and 0 < int(match[1]) < 65536:
-            return "zmq"
+            return _installed_kind("zmq")
         if self.address.endswith(".mcap") and "://" not in self.address:
-            return "mcap"
-        of_plugins = added(sources)
+            return _installed_kind("mcap")
         scheme, is_scheme, _ = self.address.partition("://")
         if is_scheme and scheme in of_plugins:
             return scheme
@@ -214,6 +216,13 @@ class ReadingSourcePart(Part):
             open_s=self.open_s,
             stall_s=self.stall_s,
         )
+
+
+def _installed_kind(kind: str) -> str:
+    """Return a kind of source of readings; raises KeyFaultError where its plugin is absent."""
+    if why := absent(sources).get(kind):
+        raise KeyFaultError("address", why)
+    return kind
 
 
 class CarriedPart(Part):

@@ -3,16 +3,14 @@
 import asyncio
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AsyncExitStack
-from pathlib import Path
 from typing import Any
 
-from wil_campaign.campaigns.values.external_setups import OWN_SOURCES, ReadingSourceSetup
+from wil_campaign.campaigns.values.external_setups import ReadingSourceSetup
 from wil_campaign.campaigns.values.sensor_setups import DepthSetup, OtherSetup, SourcedSetup
 from wil_campaign.hooks import sources
 from wil_campaign.installed_plugins import added, load
 from wil_campaign.orchestrator.external.external_sources import ExternalSource
 from wil_campaign.orchestrator.model.external_results import SourceResult
-from wil_campaign.orchestrator.recording.topic_readings import TopicReadings
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.driver.session.repeater import Repeater
@@ -24,7 +22,6 @@ from wil_campaign.vehicles.sources.readings.mavlink_messages import Beams, State
 from wil_campaign.vehicles.sources.readings.mavlink_readings import MavlinkReadings, MavlinkSensor
 from wil_campaign.vehicles.sources.readings.recorded_readings import ReadingFile, RecordedReadings
 from wil_campaign.vehicles.sources.readings.rest_check import rest_fault
-from wil_campaign.vehicles.sources.readings.zmq_readings import ZmqReadings
 from wil_campaign.vehicles.sources.source_request import SourceRequest
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
@@ -95,20 +92,8 @@ class ExternalReadings(ExternalSource):
         source = self._from_setup
         if source.shown_as == "live":
             return self._live
-        return RecordedReadings(file=self._make_file(), side=self._side, latency_s=source.latency_s)
-
-    def _make_file(self) -> ReadingFile:
-        source = self._from_setup
-        if source.kind not in OWN_SOURCES:
-            file: ReadingFile = self._made_by_plugin()
-            return file
-        return TopicReadings(
-            path=Path(source.address),
-            kind=self._setup.kind,
-            topic=source.topic,
-            mount=self._mount,
-            camera=self._camera,
-        )
+        file: ReadingFile = self._made_by_plugin()
+        return RecordedReadings(file=file, side=self._side, latency_s=source.latency_s)
 
     def _made_by_plugin(self) -> Any:
         sensor, source = self._setup, self._from_setup
@@ -130,22 +115,9 @@ class ExternalReadings(ExternalSource):
 
     def _make_live(self) -> LiveReadings:
         sensor, source = self._setup, self._from_setup
-        if source.kind not in OWN_SOURCES and source.shown_as == "live":
+        if source.kind != "mavlink" and source.shown_as == "live":
             live: LiveReadings = self._made_by_plugin()
             return live
-        if source.kind == "zmq":
-            return ZmqReadings(
-                address=source.address,
-                sensor=source.name,
-                kind_of=sensor.kind,
-                side=self._side,
-                mount=self._mount,
-                camera=self._camera,
-                topic=source.topic or "",
-                latency_s=source.latency_s,
-                open_s=source.open_s,
-                stall_s=source.stall_s,
-            )
         return LiveReadings(
             name=f"{self._side} {sensor.name} from {source.address}",
             what=source.message or _ESTIMATE,

@@ -266,7 +266,7 @@ def _parameter_file(flight: LoggedFlight) -> str:
 
 def _profile(battery: Battery | None, log: Path) -> str:
     """Return the starter's profile with what the log tells of the battery."""
-    starter = files("wil_campaign.orchestrator.cli") / "starter" / "profile.yaml.in"
+    starter = files("wil_campaign.plugins.start") / "starter" / "profile.yaml.in"
     name = printable(log.name)
     known = {} if battery is None else battery.values
     text = starter.read_text("utf-8").replace("@NAME@", _quoted_in(name))

@@ -32,6 +32,7 @@ HOOKS = {
     "commands",
     "drivers",
     "engines",
+    "image_sources",
     "live_views",
     "mesh_formats",
     "operator_channels",
@@ -740,6 +741,33 @@ for folder in Path({out!r}).glob("*/*"):
 """
 
 
+def addresses_of_images(folder: Path) -> list[str]:
+    """Return an address of each kind of sources of images that a shipped plugin has."""
+    kinds = {
+        "rtsp": "rtsp://h/a",
+        "rtp": "rtp://127.0.0.1:5004",
+        "v4l2": "/dev/video9",
+        "simulator": "tcp://127.0.0.1:5555",
+        "images": str(folder),
+        "video": str(folder / "a.mp4"),
+        "mcap": str(folder / "a.mcap"),
+    }
+    for kind in ("video", "mcap"):
+        Path(kinds[kind]).touch()
+    return [kinds[kind] for kind in shipped("image_sources")]
+
+
+def write_recipe_of_steps(folder: Path) -> Path:
+    """Write a recipe of all steps that shipped plugins have, and return its path."""
+    path = folder / "recipe.yaml"
+    names = ", ".join(shipped("recipe_steps"))
+    path.write_text(
+        "schema: wil/recipe/1\nsensors: {camera: {type: camera, rate_hz: 9}}\n"
+        f"combine: [{{sensor: camera, transform: [{names}], merge: overlay, publish: [real]}}]\n"
+    )
+    return path
+
+
 def write_with_mesh(folder: Path, suffix: str) -> Path:
     """Write a campaign in whose world a mesh stands, and return its path."""
     file = write_hover(folder).rename(folder / f"mesh{suffix}.yaml")
@@ -780,25 +808,31 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
         file = write_hover(tmp_path).rename(tmp_path / f"{name}.yaml")
         file.write_text(file.read_text().replace("px4", f"px4, driver: {name}", 1))
         words.append(["validate", str(file)])
-    words += [["doctor", f"--{check}"] for check in shipped("vehicle_checks")]
-    channels = shipped("operator_channels")
-    for name in channels:
+    for name in shipped("operator_channels"):
         words.append(["run", gate, *one, "--set", f"operator.{name}.broker=embedded"])
-    options = shipped("run_options")
-    words += [["run", gate, *one, f"--{name}", "embedded"] for name in options]
-    kinds = shipped("autonomy_kinds")
-    words += [["run", gate, *one, "--set", f"autonomy={{{name}: [a]}}"] for name in kinds]
-    observers = shipped("run_observers")
-    words += [["run", gate, *one, "--set", f"{name}={{}}"] for name in observers]
-    oracles = shipped("oracles")
-    words += [["run", gate, *one, "--set", f"oracles.own={{{name}: a}}"] for name in oracles]
-    words += [["validate", str(write_with_mesh(tmp_path, end))] for end in shipped("mesh_formats")]
-    files = shipped("problem_formats")
-    starts = shipped("starter_options")
+    words += [["run", gate, *one, f"--{name}", "embedded"] for name in shipped("run_options")]
     words += [
-        *(["validate", gate, f"--{name}", str(tmp_path / name)] for name in files),
-        *(["init", "first", f"--{name}"] for name in starts),
+        ["run", gate, *one, "--set", f"autonomy={{{name}: [a]}}"]
+        for name in shipped("autonomy_kinds")
     ]
+    words += [["run", gate, *one, "--set", f"{name}={{}}"] for name in shipped("run_observers")]
+    words += [
+        ["run", gate, *one, "--set", f"oracles.own={{{name}: a}}"] for name in shipped("oracles")
+    ]
+    words += [
+        ["run", gate, *one, "--set", f"vehicles.real.sensors.camera.source={address}"]
+        for address in addresses_of_images(tmp_path)
+    ]
+    gps = "vehicles.real.sensors.gps={type: gps, source: '%s'}"
+    words += [["run", gate, *one, "--set", gps % name] for name in ("tcp://h:5555", "a.mcap")]
+    words += [["validate", str(write_with_mesh(tmp_path, end))] for end in shipped("mesh_formats")]
+    words += [
+        *(
+            ["validate", gate, f"--{name}", str(tmp_path / name)]
+            for name in shipped("problem_formats")
+        ),
+    ]
+    words.append(["validate", str(write_recipe_of_steps(tmp_path))])
     done = subprocess.run(  # noqa: S603 - our own interpreter
         [sys.executable, "-P", "-c", ABSENT.format(words=words, out=str(tmp_path / "out"))],
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
@@ -810,9 +844,12 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     assert codes[:3] == [0, 5, 0], done.stdout + done.stderr  # 5: it flew nothing required
     assert re.search(r"small +sim +1/1 ", done.stdout)
     named = [*(name.split()[0] for name in commands), *views, *keys, *formats, *engines, *drivers]
-    named += [*shipped("vehicle_checks"), *channels, *options, *kinds, *observers, *oracles]
-    named += [*shipped("mesh_formats"), *files, *starts]
-    assert codes[3:] == [2] * len(named)
+    hooks_of_rest = (
+        *("operator_channels", "run_options", "autonomy_kinds", "run_observers", "oracles"),
+        *("image_sources", "sources", "mesh_formats", "recipe_steps", "problem_formats"),
+    )
+    named += [name for hook in hooks_of_rest for name in shipped(hook)]
+    assert codes[3:] == [2] * (len(words) - 3)
     for name in named:
         assert f"'{name}' is of the plugin " in done.stderr
     assert "which is not installed: pip install " in done.stderr

@@ -29,7 +29,7 @@ from tests.safety.guard.remote_rigs import (
     words,
 )
 from wil_campaign.foundation.processes.identity import ProcessId
-from wil_campaign.orchestrator.doctor.machine import granted_to_guard
+from wil_campaign.plugins.doctor.machine import granted_to_guard
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.commands import AnchorAt, BringDown, NewFences, Operate
 from wil_campaign.safety.guard.core.contingency import Phase
