@@ -153,6 +153,20 @@ def test_every_barrier_names_a_test() -> None:
         assert re.search(r"\| `tests/[\w/]+\.py::test_\w+`[^|]*\|[^|]*\|$", row), row
 
 
+def test_every_difference_of_the_embedded_vehicles_names_its_tests() -> None:
+    page = (DOCS / "vehicle.md").read_text(encoding="utf-8")
+    _, _, section = page.partition("## Where it differs from the firmwares\n")
+    rows = [line for line in section.splitlines() if line.startswith("|")]
+    told = [row for row in rows if not row.startswith(("|---", "| feature", "| where the two"))]
+    assert len(told) > 30
+    sources = "".join(path.read_text() for path in (ROOT / "tests/vehicles").rglob("test_*.py"))
+    there = set(re.findall(r"^(?:async )?def (test_\w+)\(", sources, re.MULTILINE))
+    for row in told:
+        named = re.findall(r"`(test_\w+)`", row.rpartition("| ")[2])
+        assert named, row
+        assert set(named) <= there, row
+
+
 @pytest.mark.parametrize(("file", "name"), NAMED, ids=[name for _, name in NAMED])
 def test_the_test_that_proves_it_is_there(file: str, name: str) -> None:
     written = (ROOT / file).read_text(encoding="utf-8")

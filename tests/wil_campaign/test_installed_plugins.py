@@ -686,7 +686,7 @@ def test_the_plugin_of_the_page_flies(
         "max_m_s: 3": ("max_km_h: 3", "unknown key 'max_km_h'"),
         "calm: ": ("clam: ", "unknown oracle 'clam'; did you mean 'calm'?"),
         "rangefinder": ("gps", "an echo is no gps"),
-        "echo:": ("eco:", "publisher), or an MCAP file (.mcap), or echo://METRES"),
+        "echo:": ("eco:", "), or echo://METRES"),
     }
     try:
         for good, (bad, said) in wrong.items():

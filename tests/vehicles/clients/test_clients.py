@@ -137,9 +137,10 @@ async def test_a_mock_vehicle_answers_all_that_qgroundcontrol_asks(autopilot: st
 
 
 @pytest.mark.skipif(find_spec("dronekit") is None, reason="dronekit is not installed")
-async def test_dronekit_flies_the_embedded_vehicle() -> None:
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+async def test_dronekit_flies_the_embedded_vehicle(autopilot: str) -> None:
     port = free_port()
-    async with vehicle(f"tcpin://127.0.0.1:{port}", "ardupilot"):
-        said = await flown_by("dronekit_client.py", f"tcp:127.0.0.1:{port}")
+    async with vehicle(f"tcpin://127.0.0.1:{port}", autopilot):
+        said = await flown_by("dronekit_client.py", f"tcp:127.0.0.1:{port}", autopilot)
         await is_down_in_the_north(f"tcp:127.0.0.1:{port}")
     assert "landed" in said
