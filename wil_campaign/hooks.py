@@ -282,6 +282,19 @@ class ReportSection:
 
 
 @dataclass(frozen=True, slots=True)
+class RunSection:
+    """A section of the page of a run in the report, after its images.
+
+    name: one word. section: a function of the results folder and of what was read of the run
+    (`RunReport`), which returns a `Section`; of that `html` and `problems` are used. It may be
+    called in a process of its own.
+    """
+
+    name: str
+    section: str
+
+
+@dataclass(frozen=True, slots=True)
 class SensorSource:
     """A source of sensors' readings, by the scheme of the address in a campaign.
 
@@ -485,3 +498,8 @@ def starter_options() -> Sequence[StarterOption]:  # type: ignore[empty-body]
 @_hook
 def report_sections() -> Sequence[ReportSection]:  # type: ignore[empty-body]
     """Return sections of the report of a campaign."""
+
+
+@_hook
+def run_sections() -> Sequence[RunSection]:  # type: ignore[empty-body]
+    """Return sections of the page of a run in the report."""

@@ -36,6 +36,11 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
         "operator_channels": ("mqtt",),
         "run_options": ("broker",),
     },
+    "observer": {
+        "campaign_keys": ("observer",),
+        "commands": ("film",),
+        "run_sections": ("observer",),
+    },
     "offline": {"commands": ("mix", "replay")},
     "outlets": {"run_observers": ("deliver", "ground_station")},
     "paper_xml": {"recipe_formats": (".xml",)},

@@ -43,6 +43,7 @@ HOOKS = {
     "report_sections",
     "run_observers",
     "run_options",
+    "run_sections",
     "sensor_types",
     "sources",
     "starter_options",
@@ -281,6 +282,39 @@ def test_a_plugin_adds_a_section_to_the_report(install: Install, tmp_path: Path)
     page = (folder / "report.html").read_text("utf-8")
     assert re.sub("Page written [^.]*", "", page.replace("<p>depths of gate</p>", "")) == re.sub(
         "Page written [^.]*", "", plain
+    )
+
+
+RUN_SECTIONS = """
+from wil_campaign.hooks import RunSection, Section, implements
+
+
+@implements
+def run_sections():
+    return [RunSection("depth", "wil_sonar:depth"), RunSection("deaf", "wil_sonar:deaf")]
+
+
+def depth(folder, run):
+    return Section(f"<p>depth of {run.name} in {folder.name}</p>", ("no echo",))
+
+
+def deaf(folder, run):
+    raise OSError("no sound")
+"""
+
+
+def test_a_plugin_adds_a_section_to_the_page_of_each_run(install: Install, tmp_path: Path) -> None:
+    """One that fails is left out and named, with its run."""
+    folder = write_flown(tmp_path / "a", flights("a", "sim", "PP"))
+    install(RUN_SECTIONS)
+    found = write_report(folder, workers=1)
+    page = found.path.read_text("utf-8")
+    assert re.findall("<p>depth of .*?</p>", page) == [
+        f"<p>depth of a/sim/{number} in a</p>" for number in (1, 2)
+    ]
+    assert found.problems[-2:] == (
+        "a/sim/2: no echo",
+        "a/sim/2: the section deaf is left out: OSError: no sound",
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from aiohttp.test_utils import TestServer
 
+from tests.orchestrator.report import recorded_campaign
 from tests.orchestrator.report.browser import Page, browser, chromium
 from tests.orchestrator.report.recorded_campaign import write_campaign
 from tests.ports import free_port
@@ -44,6 +45,12 @@ LEAST_PX = 25
 def seen(image: Any, rgb: tuple[int, int, int], within: int = 40) -> int:
     """Return how many pixels have about this colour."""
     return int((np.abs(image.astype(int) - rgb[::-1]).max(axis=2) < within).sum())
+
+
+def width_of(image: Any, rgb: tuple[int, int, int]) -> float:
+    """Return how much of the image's width what has about this colour takes."""
+    columns = (np.abs(image.astype(int) - rgb[::-1]).max(axis=2) < 40).any(axis=0).nonzero()[0]
+    return float(np.ptp(columns)) / image.shape[1] if len(columns) else 0.0
 
 
 def space_image(page: Page, path: Path) -> Any:
@@ -102,7 +109,12 @@ def wait_until(page: Page, holds: Callable[[], bool]) -> None:
 
 
 @pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
-async def test_the_view_in_space_shows_vehicles_fence_and_gate_and_turns(tmp_path: Path) -> None:
+async def test_the_view_in_space_shows_vehicles_fence_and_gate_and_turns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From everywhere, and as the campaign's observer, who looks north at the gate from near it."""
+    observer = {"north_m": 0.9, "east_m": 0.0, "up_m": 1.2, "yaw_deg": 0.0}
+    monkeypatch.setitem(recorded_campaign.CAMPAIGN, "observer", observer)
     folder = write_campaign(tmp_path / "gate") / "large" / "wil" / "1"
     shot = tmp_path / "shot.png"
 
@@ -131,6 +143,11 @@ async def test_the_view_in_space_shows_vehicles_fence_and_gate_and_turns(tmp_pat
                 page.press("ArrowRight")
             # Seen from beside, a gate is narrower.
             wait_until(page, lambda: 0 < seen(space_image(page, shot), ORANGE) < 0.8 * before)
+            # Its frame of 1.2 m, 1.1 m away, is as wide as 80 % of the view.
+            page.value("document.getElementById('space-observer').click()")
+            wait_until(page, lambda: width_of(space_image(page, shot), ORANGE) > 0.6)
+            page.value("document.getElementById('space-reset').click()")
+            wait_until(page, lambda: 0 < width_of(space_image(page, shot), ORANGE) < 0.5)
             assert page.errors == []
             assert [
                 one for one in page.requests if not one.startswith(link.partition("#")[0])

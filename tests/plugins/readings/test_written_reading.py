@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from tests.recipes.samples import beam, cloud, depth, fix, imu, pose, scan
-from wil_campaign.vehicles.readings import DepthReading, MicrophoneReading, Reading, sensor_type_of
-from wil_campaign.vehicles.sources.messagepack import Header
 from wil_campaign.plugins.readings.reading_message import (
     Sampled,
     read_envelope,
@@ -17,6 +15,7 @@ from wil_campaign.plugins.readings.reading_message import (
     read_reading,
 )
 from wil_campaign.plugins.readings.written_reading import written_reading
+from wil_campaign.vehicles.readings import DepthReading, MicrophoneReading, Reading, sensor_type_of
 from wil_campaign.vehicles.sources.messagepack import Header
 from wil_campaign.worlds.frames import Pose
 
