@@ -323,7 +323,10 @@ export class Views {
       this.views.push(new View(model, "space", "space"));
     }
     canvas.addEventListener("webglcontextlost", () => (note.textContent = "STOPPED: the browser lost its graphics context"));
-    canvas.addEventListener("webglcontextrestored", () => (note.textContent = ""));
+    canvas.addEventListener("webglcontextrestored", () => {
+      note.textContent = "";
+      this.draw();
+    });
     this.draw();
   }
 

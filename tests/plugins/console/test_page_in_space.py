@@ -152,6 +152,7 @@ async def test_the_view_in_space_shows_vehicles_fence_and_gate_and_turns(
             assert [
                 one for one in page.requests if not one.startswith(link.partition("#")[0])
             ] == []
+            page.value("document.getElementById('playback-pause').click()")
             page.value(f"(window.lost = {LOSE}).loseContext()")
             wait_until(page, lambda: "STOPPED" in page.value(NOTE))
             page.value("window.lost.restoreContext()")
