@@ -37,7 +37,12 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "paper_xml": {"recipe_formats": (".xml",)},
     "programs": {"autonomy_kinds": ("program",)},
     "pytest": {},  # which pytest finds by its own entry points
-    "ros2": {"autonomy_kinds": ("ros2",), "commands": ("export",), "starter_options": ("ros2",)},
+    "ros2": {
+        "autonomy_kinds": ("ros2",),
+        "commands": ("export",),
+        "recording_formats": ("ros2",),
+        "starter_options": ("ros2",),
+    },
     "search": {"campaign_keys": ("search",), "commands": ("search",)},
     "standalone": {"commands": ("vehicle",)},
     "statistics": {"commands": ("gap", "compare", "history"), "report_sections": ("statistics",)},

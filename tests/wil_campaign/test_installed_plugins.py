@@ -38,6 +38,7 @@ HOOKS = {
     "problem_formats",
     "recipe_formats",
     "recipe_steps",
+    "recording_formats",
     "report_sections",
     "run_observers",
     "run_options",
@@ -779,7 +780,9 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     words += [["run", gate, *one, "--set", f"oracles.own={{{name}: a}}"] for name in oracles]
     files = [name for adds in SHIPPED.values() for name in adds.get("problem_formats", ())]
     starts = [name for adds in SHIPPED.values() for name in adds.get("starter_options", ())]
+    forms = [name for adds in SHIPPED.values() for name in adds.get("recording_formats", ())]
     words += [
+        *(["run", gate, *one, "--set", f"record.also=[{name}]"] for name in forms),
         *(["validate", gate, f"--{name}", str(tmp_path / name)] for name in files),
         *(["init", "first", f"--{name}"] for name in starts),
     ]
@@ -793,8 +796,11 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     codes = [int(line[2:]) for line in done.stdout.splitlines() if line.startswith("= ")]
     assert codes[:3] == [0, 5, 0], done.stdout + done.stderr  # 5: it flew nothing required
     assert re.search(r"small +sim +1/1 ", done.stdout)
-    named = [*(name.split()[0] for name in commands), *views, *keys, *formats, *engines, *drivers]
-    named += [*checks, *channels, *options, *kinds, *observers, *oracles, *files, *starts]
+    named = [
+        *(name.split()[0] for name in commands),
+        *(*views, *keys, *formats, *engines, *drivers),
+        *(*checks, *channels, *options, *kinds, *observers, *oracles, *forms, *files, *starts),
+    ]
     assert codes[3:] == [2] * len(named)
     for name in named:
         assert f"'{name}' is of the plugin " in done.stderr
