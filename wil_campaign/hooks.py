@@ -197,6 +197,20 @@ class ProblemFormat:
 
 
 @dataclass(frozen=True, slots=True)
+class RecordingFormat:
+    """A form of other tools in which campaigns have their runs recorded, too (`record.also`).
+
+    name: of the form. trouble: a function that returns why it cannot be written here; "" where it
+    can. write: a function of a run's folder, with its recording and its result, and of what has to
+    be called now and then; it returns the name of the file that it made there.
+    """
+
+    name: str
+    trouble: str
+    write: str
+
+
+@dataclass(frozen=True, slots=True)
 class AutonomyKind:
     """A kind of autonomy that is no class of Python; it has a runner, or is called as a class is.
 
@@ -483,6 +497,11 @@ def announcers() -> Sequence[Announcer]:  # type: ignore[empty-body]
 @_hook
 def problem_formats() -> Sequence[ProblemFormat]:  # type: ignore[empty-body]
     """Return formats of the faults that `validate` finds."""
+
+
+@_hook
+def recording_formats() -> Sequence[RecordingFormat]:  # type: ignore[empty-body]
+    """Return forms of other tools for recordings, besides run.mcap."""
 
 
 @_hook

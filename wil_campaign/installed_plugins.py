@@ -47,7 +47,12 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "programs": {"autonomy_kinds": ("program",)},
     "pytest": {},  # which pytest finds by its own entry points
     "readings": {"sources": ("zmq", "mcap")},
-    "ros2": {"autonomy_kinds": ("ros2",), "commands": ("export",), "starter_options": ("ros2",)},
+    "ros2": {
+        "autonomy_kinds": ("ros2",),
+        "commands": ("export",),
+        "recording_formats": ("ros2",),
+        "starter_options": ("ros2",),
+    },
     "search": {"campaign_keys": ("search",), "commands": ("search",)},
     "simulator": {"image_sources": ("simulator",)},
     "standalone": {"commands": ("vehicle",)},

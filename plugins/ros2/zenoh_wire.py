@@ -91,8 +91,8 @@ class ZenohWire:
 
     def is_subscribed(self, name: str) -> bool:
         """Return whether anybody subscribes to an advertised topic, or a service tells it."""
-        is_heard = bool(self._publishers[name].publisher.matching_status.matching)
-        return is_heard or name in self._latest
+        is_matched = bool(self._publishers[name].publisher.matching_status.matching)
+        return is_matched or name in self._latest
 
     def publish(self, name: str, cdr: bytes, stamp_ns: int) -> bool:
         """Publish a message; return whether zenoh took it."""

@@ -40,6 +40,7 @@ HOOKS = {
     "problem_formats",
     "recipe_formats",
     "recipe_steps",
+    "recording_formats",
     "report_sections",
     "run_observers",
     "run_options",
@@ -865,6 +866,10 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
             ["validate", gate, f"--{name}", str(tmp_path / name)]
             for name in shipped("problem_formats")
         ),
+        *(
+            ["run", gate, *one, "--set", f"record.also=[{name}]"]
+            for name in shipped("recording_formats")
+        ),
     ]
     words.append(["validate", str(write_recipe_of_steps(tmp_path))])
     done = subprocess.run(  # noqa: S603 - our own interpreter
@@ -881,6 +886,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     hooks_of_rest = (
         *("operator_channels", "run_options", "autonomy_kinds", "run_observers", "oracles"),
         *("image_sources", "sources", "mesh_formats", "recipe_steps", "problem_formats"),
+        "recording_formats",
     )
     named += [name for hook in hooks_of_rest for name in shipped(hook)]
     assert codes[3:] == [2] * (len(words) - 3)

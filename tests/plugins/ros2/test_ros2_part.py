@@ -113,6 +113,7 @@ def test_a_node_without_a_barrier_does_not_fly_in_virtual_time(tmp_path: Path) -
     [
         ({"command": ["python3", "n.py"]}, ("python3", "n.py")),
         ({"run": ["pkg", "node"]}, ("ros2", "run", "pkg", "node")),
+        ({"run": ["pkg", "node", "-p", "a:=1"]}, ("ros2", "run", "pkg", "node", "-p", "a:=1")),
         ({"launch": "a.launch.py"}, ("ros2", "launch", "a.launch.py")),
         ({"found": True, "domain": 0}, ()),
     ],
