@@ -190,8 +190,8 @@ class ReadingSourcePart(Part):
         if self.address.endswith(".mcap") and "://" not in self.address:
             return _installed_kind("mcap")
         scheme, is_scheme, _ = self.address.partition("://")
-        if is_scheme and scheme in of_plugins:
-            return scheme
+        if is_scheme and scheme in {*of_plugins, *absent(sources)}:
+            return _installed_kind(scheme)
         fault = "must be mavlink, tcp://HOST:PORT (a ZeroMQ publisher), or an MCAP file (.mcap)"
         fault += "".join(f", or {source.addresses}" for source in of_plugins.values())
         raise KeyFaultError("address", f"'{self.address}' {fault}")
