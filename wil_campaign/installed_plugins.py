@@ -30,6 +30,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "logs": {"starters": ("log",)},
     "mavsdk": {"drivers": ("mavsdk",)},
     "meshes": {"mesh_formats": (".obj", ".stl", ".glb", ".gltf", ".dae", ".ply")},
+    "mocap": {"motion_captures": ("udp", "zmq")},
     "mqtt": {
         "commands": ("sign",),
         "operator_channels": ("mqtt",),

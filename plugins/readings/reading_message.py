@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from wil_campaign.plugins.readings.messagepack import BadMessageError, Header
 from wil_campaign.vehicles.readings import (
     GpsReading,
     ImuReading,
@@ -25,7 +26,6 @@ from wil_campaign.vehicles.readings import (
     reading_types,
 )
 from wil_campaign.vehicles.readings.numbers import number_fields
-from wil_campaign.vehicles.sources.messagepack import BadMessageError, Header
 from wil_campaign.worlds.frames import Pose, Vec3, quat_normalize
 
 PROTOCOL = "wil/reading/1"

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from wil_campaign.foundation.files.documents import load
+from wil_campaign.plugins.readings.messagepack import BadMessageError, Header, pack
 from wil_campaign.plugins.simulator.shown_world import (
     ShownWorld,
     asked_world,
@@ -16,7 +17,6 @@ from wil_campaign.plugins.simulator.shown_world import (
     shown_objects,
     shown_world,
 )
-from wil_campaign.vehicles.sources.messagepack import BadMessageError, Header, pack
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 from wil_campaign.worlds.scene.shapes import gate
