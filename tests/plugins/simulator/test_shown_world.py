@@ -22,7 +22,7 @@ from wil_campaign.worlds.scene.scene import Scene, SceneObject
 from wil_campaign.worlds.scene.shapes import gate
 from wil_campaign.worlds.world_file.world import World
 
-ROOT = Path(__file__).parents[4]
+ROOT = Path(__file__).parents[3]
 GATE = SceneObject(2, "gate", gate("square", 1.0, 0.1), Pose.of(3.0, 1.1, 1.2))
 ASKED = asked_world(Scene((GATE,)), world="gate", case="large")
 
