@@ -25,6 +25,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "cluster": {"commands": ("bench", "bench check", "bench serve"), "engines": ("ray",)},
     "console": {"commands": ("console",), "live_views": ("console",)},
     "doctor": {"commands": ("doctor",)},
+    "encounters": {"oracles": ("distance", "encounter")},
     "foxglove": {"live_views": ("foxglove",)},
     "injection": {"run_observers": ("inject",)},
     "logs": {"starters": ("log",)},
