@@ -15,8 +15,6 @@ def oracles() -> tuple[OracleKind, ...]:
         OracleKind("modes", "wil_campaign.safety.oracles.autopilot_health:modes"),
         OracleKind("collision", "wil_campaign.safety.oracles.contact:collision"),
         OracleKind("clearance", "wil_campaign.safety.oracles.contact:clearance"),
-        OracleKind("distance", "wil_campaign.safety.oracles.distance:distance"),
-        OracleKind("encounter", "wil_campaign.safety.oracles.encounter:encounter"),
         OracleKind("reached_position", "wil_campaign.safety.oracles.goal:reached_position"),
         OracleKind("time_limit", "wil_campaign.safety.oracles.goal:time_limit"),
         OracleKind("speed", "wil_campaign.safety.oracles.motion:speed"),

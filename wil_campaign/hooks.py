@@ -341,6 +341,19 @@ class ImageSourceKind:
 
 
 @dataclass(frozen=True, slots=True)
+class MotionCaptureKind:
+    """A kind of motion capture, as the address in a campaign says it.
+
+    name: the kind (of MocapSetup, campaigns/values/external_setups.py). open: a function of the
+    MocapSetups of one address by vehicle, and of what receives each PoseReading; it returns a
+    CaptureInput (orchestrator/external/motion_captures.py).
+    """
+
+    name: str
+    open: str
+
+
+@dataclass(frozen=True, slots=True)
 class MeshFormat:
     """A format of mesh files, which worlds name.
 
@@ -432,6 +445,11 @@ def recipe_formats() -> Sequence[RecipeFormat]:  # type: ignore[empty-body]
 @_hook
 def image_sources() -> Sequence[ImageSourceKind]:  # type: ignore[empty-body]
     """Return kinds of sources of cameras' images."""
+
+
+@_hook
+def motion_captures() -> Sequence[MotionCaptureKind]:  # type: ignore[empty-body]
+    """Return kinds of motion capture."""
 
 
 @_hook

@@ -26,11 +26,13 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "console": {"commands": ("console",), "live_views": ("console",)},
     "depth_cameras": {"sources": ("rtp", "realsense")},
     "doctor": {"commands": ("doctor",)},
+    "encounters": {"oracles": ("distance", "encounter")},
     "foxglove": {"live_views": ("foxglove",)},
     "injection": {"run_observers": ("inject",)},
     "logs": {"starters": ("log",)},
     "mavsdk": {"drivers": ("mavsdk",)},
     "meshes": {"mesh_formats": (".obj", ".stl", ".glb", ".gltf", ".dae", ".ply")},
+    "mocap": {"motion_captures": ("udp", "zmq")},
     "mqtt": {
         "commands": ("sign",),
         "operator_channels": ("mqtt",),

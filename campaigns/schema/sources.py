@@ -18,7 +18,7 @@ from wil_campaign.campaigns.values.external_setups import (
 from wil_campaign.campaigns.values.sensor_setups import OtherSetup, SensorSetup, SourcedSetup
 from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.foundation.files.paths import exists, is_folder
-from wil_campaign.hooks import image_sources, sources
+from wil_campaign.hooks import image_sources, motion_captures, sources
 from wil_campaign.installed_plugins import absent, added, load
 from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions
 from wil_campaign.vehicles.sources.readings.mavlink_messages import MESSAGES
@@ -358,8 +358,13 @@ class MocapPart(Part):
         return self
 
     def setup(self, vehicle: str) -> MocapSetup:
-        """Return the setup of a vehicle's motion capture source."""
+        """Return the setup of a vehicle's motion capture source.
+
+        Raises KeyFaultError where its plugin is not installed.
+        """
         kind, host, port = self._parse_address()
+        if why := absent(motion_captures).get(kind):
+            raise KeyFaultError("address", why)
         return MocapSetup(
             kind=kind,
             host=host,

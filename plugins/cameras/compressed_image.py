@@ -11,7 +11,7 @@ import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from wil_campaign.vehicles.sources.messagepack import BadMessageError, Header
+from wil_campaign.plugins.readings.messagepack import BadMessageError, Header
 
 Decode = Callable[[bytes], "CompressedImage"]
 

@@ -20,6 +20,7 @@ from wil_campaign.foundation.files.limits import MAX_CHUNK_BYTES
 from wil_campaign.plugins.cameras.compressed_image import Decode, decoder_for
 from wil_campaign.plugins.cameras.frame_stamps import check_image
 from wil_campaign.plugins.cameras.recorded_camera import RecordedImage
+from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.vehicles.sources.mcap_limits import (
     DAMAGED,
@@ -27,7 +28,6 @@ from wil_campaign.vehicles.sources.mcap_limits import (
     check_length,
     chunk_records,
 )
-from wil_campaign.vehicles.sources.messagepack import BadMessageError
 
 _JUMP_S, _FASTEST = 10.0, 100.0
 """A stamp may be so much later than the log times tell: of a simulation, so many times faster."""

@@ -4,6 +4,7 @@ import zmq
 
 from wil_campaign.plugins.outlets.image_delivery import DeliveryError
 from wil_campaign.plugins.outlets.threaded_delivery import ThreadedDelivery
+from wil_campaign.plugins.readings.messagepack import pack
 from wil_campaign.plugins.readings.written_reading import written_reading
 from wil_campaign.plugins.simulator.image_parts import (
     Buffer,
@@ -13,7 +14,6 @@ from wil_campaign.plugins.simulator.image_parts import (
 )
 from wil_campaign.plugins.simulator.simulator_protocol import PROTOCOL
 from wil_campaign.vehicles.readings import CameraReading, Reading
-from wil_campaign.vehicles.sources.messagepack import pack
 
 
 def published_parts(

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from wil_campaign.plugins.readings.messagepack import pack
 from wil_campaign.plugins.readings.reading_message import PROTOCOL
 from wil_campaign.vehicles.readings import Reading, sensor_type_of
-from wil_campaign.vehicles.sources.messagepack import pack
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 

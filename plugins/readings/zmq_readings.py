@@ -5,6 +5,7 @@ from typing import Self
 
 import zmq
 
+from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.plugins.readings.reading_message import (
     MAX_READING_BYTES,
     Sampled,
@@ -15,7 +16,6 @@ from wil_campaign.plugins.readings.reading_message import (
 from wil_campaign.vehicles.readings import Source
 from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock
 from wil_campaign.vehicles.sources.camera_source import SourceError
-from wil_campaign.vehicles.sources.messagepack import BadMessageError
 from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose

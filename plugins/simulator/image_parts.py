@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.vehicles.readings import BgrImage, DepthImage, IdImage
-from wil_campaign.vehicles.sources.messagepack import BadMessageError
 
 Buffer = bytes | memoryview
 Size = tuple[int, int]

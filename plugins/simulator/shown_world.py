@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from wil_campaign.vehicles.sources.messagepack import BadMessageError, Header
+from wil_campaign.plugins.readings.messagepack import BadMessageError, Header
 from wil_campaign.worlds.frames import Pose, Quat, Vec3, angle_between
 from wil_campaign.worlds.scene.colors import Rgb
 from wil_campaign.worlds.scene.meshes import Material

@@ -9,6 +9,7 @@ from typing import Self, TypeVar
 
 import zmq
 
+from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.plugins.simulator.image_parts import Buffer
 from wil_campaign.plugins.simulator.shown_world import AskedWorld, disagreements
 from wil_campaign.plugins.simulator.simulator_protocol import (
@@ -24,7 +25,6 @@ from wil_campaign.plugins.simulator.simulator_protocol import (
 )
 from wil_campaign.vehicles.cameras.rendered_cameras import NoImageError
 from wil_campaign.vehicles.sources.camera_source import SourceError
-from wil_campaign.vehicles.sources.messagepack import BadMessageError
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from wil_campaign.plugins.readings.messagepack import BadMessageError, Header, pack
 from wil_campaign.plugins.simulator.image_parts import (
     Buffer,
     decode_depth,
@@ -20,7 +21,6 @@ from wil_campaign.plugins.simulator.shown_world import (
     shown_world,
 )
 from wil_campaign.vehicles.readings import BgrImage, DepthImage, IdImage
-from wil_campaign.vehicles.sources.messagepack import BadMessageError, Header, pack
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 

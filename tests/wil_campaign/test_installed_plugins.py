@@ -35,6 +35,7 @@ HOOKS = {
     "image_sources",
     "live_views",
     "mesh_formats",
+    "motion_captures",
     "operator_channels",
     "oracles",
     "problem_formats",
@@ -858,6 +859,8 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
         ["run", gate, *one, "--set", f"vehicles.real.sensors.camera.source={address}"]
         for address in addresses_of_images(tmp_path)
     ]
+    mocap = ("udp://127.0.0.1:5570", "tcp://h:5570")
+    words += [["run", gate, *one, "--set", f"vehicles.real.mocap={name}"] for name in mocap]
     gps = "vehicles.real.sensors.gps={type: gps, source: '%s'}"
     words += [
         ["run", gate, *one, "--set", gps % name]
@@ -890,6 +893,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
         *("operator_channels", "run_options", "autonomy_kinds", "run_observers", "oracles"),
         *("image_sources", "sources", "mesh_formats", "recipe_steps", "problem_formats"),
         "recording_formats",
+        "motion_captures",
     )
     named += [name for hook in hooks_of_rest for name in shipped(hook)]
     assert codes[3:] == [2] * (len(words) - 3)

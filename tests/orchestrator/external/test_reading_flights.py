@@ -18,6 +18,7 @@ from wil_campaign.campaigns.values.external_setups import ReadingSourceSetup
 from wil_campaign.orchestrator.external import external_readings
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading, Recording
+from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.plugins.readings.reading_message import PROTOCOL
 from wil_campaign.plugins.readings.topic_readings import TopicReadings
 from wil_campaign.plugins.readings.zmq_readings import ZmqReadings
@@ -31,7 +32,6 @@ from wil_campaign.vehicles.readings import (
     Reading,
 )
 from wil_campaign.vehicles.sources.camera_source import SourceError
-from wil_campaign.vehicles.sources.messagepack import BadMessageError
 
 Fly = Callable[..., tuple[RunResult, Path]]
 Builder = Callable[[Any], Any]

@@ -22,9 +22,9 @@ from wil_campaign.plugins.cameras.compressed_image import CompressedImage, decod
 from wil_campaign.plugins.cameras.image_files import ImageFolder, VideoFile
 from wil_campaign.plugins.cameras.mcap_images import McapFile
 from wil_campaign.plugins.cameras.recorded_camera import ImageFile, RecordedCamera
+from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.vehicles.sources.camera_source import CameraSource, ImageChangedError, SourceError
-from wil_campaign.vehicles.sources.messagepack import BadMessageError
 from wil_campaign.worlds.camera import Intrinsics
 
 SMALL = Intrinsics.from_fov(64, 48, 1.0)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.recipes.samples import beam, cloud, depth, fix, imu, pose, scan
+from wil_campaign.plugins.readings.messagepack import Header
 from wil_campaign.plugins.readings.reading_message import (
     Sampled,
     read_envelope,
@@ -16,7 +17,6 @@ from wil_campaign.plugins.readings.reading_message import (
 )
 from wil_campaign.plugins.readings.written_reading import written_reading
 from wil_campaign.vehicles.readings import DepthReading, MicrophoneReading, Reading, sensor_type_of
-from wil_campaign.vehicles.sources.messagepack import Header
 from wil_campaign.worlds.frames import Pose
 
 SOUND = MicrophoneReading(1.0, 1.0, 3, "twin", np.arange(-4, 4, dtype=np.int16), 16_000, 20.0)

@@ -15,6 +15,7 @@ from tests.vehicles.readings.thermometer import ThermometerReading
 from wil_campaign.campaigns.schema.sensors import sensor_parts
 from wil_campaign.campaigns.schema.sources import SourcedPart
 from wil_campaign.plugins.readings import reading_message
+from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.plugins.readings.reading_message import (
     Sampled,
     read_envelope,
@@ -33,7 +34,6 @@ from wil_campaign.vehicles.readings import (
 )
 from wil_campaign.vehicles.readings.checks import fault_of
 from wil_campaign.vehicles.sources.camera_source import SourceError, SourceStalledError
-from wil_campaign.vehicles.sources.messagepack import BadMessageError
 from wil_campaign.vehicles.sources.readings.live_readings import OLDEST_S
 from wil_campaign.worlds.frames import AT_ORIGIN
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.plugins.simulator.image_parts import (
     compressed_size,
     decode_depth,
@@ -18,7 +19,6 @@ from wil_campaign.plugins.simulator.image_parts import (
     encode_ids,
     encode_image,
 )
-from wil_campaign.vehicles.sources.messagepack import BadMessageError
 
 SIZE = (16, 12)
 RNG = np.random.default_rng(3)

@@ -13,6 +13,7 @@ import pytest
 os.environ.setdefault("MUJOCO_GL", "egl")
 pytest.importorskip("mujoco", reason="MuJoCo is no dependency: pip install mujoco, with EGL")
 
+from wil_campaign.plugins.readings.messagepack import Header
 from wil_campaign.plugins.simulator.mujoco_simulator import MujocoSimulator
 from wil_campaign.plugins.simulator.shown_world import asked_world, disagreements
 from wil_campaign.plugins.simulator.simulator_protocol import (
@@ -23,7 +24,6 @@ from wil_campaign.plugins.simulator.simulator_protocol import (
     image_of,
     welcome_of,
 )
-from wil_campaign.vehicles.sources.messagepack import Header
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer

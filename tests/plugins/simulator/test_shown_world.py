@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from wil_campaign.foundation.files.documents import load
+from wil_campaign.plugins.readings.messagepack import BadMessageError, Header, pack
 from wil_campaign.plugins.simulator.shown_world import (
     ShownWorld,
     asked_world,
@@ -16,13 +17,12 @@ from wil_campaign.plugins.simulator.shown_world import (
     shown_objects,
     shown_world,
 )
-from wil_campaign.vehicles.sources.messagepack import BadMessageError, Header, pack
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 from wil_campaign.worlds.scene.shapes import gate
 from wil_campaign.worlds.world_file.world import World
 
-ROOT = Path(__file__).parents[4]
+ROOT = Path(__file__).parents[3]
 GATE = SceneObject(2, "gate", gate("square", 1.0, 0.1), Pose.of(3.0, 1.1, 1.2))
 ASKED = asked_world(Scene((GATE,)), world="gate", case="large")
 

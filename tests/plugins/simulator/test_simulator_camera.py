@@ -30,7 +30,7 @@ from wil_campaign.worlds.scene.scene import Scene, SceneObject
 from wil_campaign.worlds.scene.shapes import gate
 from wil_campaign.worlds.world_file.world import World
 
-ROOT = Path(__file__).parents[4]
+ROOT = Path(__file__).parents[3]
 WORLD = ROOT / "worlds" / "gate.yaml"
 CAMERA = Intrinsics.from_fov(160, 120, math.radians(69.0))
 AHEAD = Pose.of(0.0, 0.0, 1.2)

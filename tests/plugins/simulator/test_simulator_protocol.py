@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from wil_campaign.plugins.readings.messagepack import BadMessageError, Header, pack
 from wil_campaign.plugins.simulator.shown_world import AskedWorld
 from wil_campaign.plugins.simulator.simulator_protocol import (
     PROTOCOL,
@@ -19,7 +20,6 @@ from wil_campaign.plugins.simulator.simulator_protocol import (
     image_of,
     welcome_of,
 )
-from wil_campaign.vehicles.sources.messagepack import BadMessageError, Header, pack
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.vehicles.readings import DepthImage
-from wil_campaign.vehicles.sources.messagepack import BadMessageError
 from wil_campaign.worlds.camera import Intrinsics
 
 _FOCAL_APART = 0.02

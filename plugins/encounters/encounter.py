@@ -5,9 +5,9 @@ from typing import Annotated
 
 from pydantic import Field
 
+from wil_campaign.plugins.encounters.distance import probe_of_object
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import PoseSample
-from wil_campaign.safety.oracles.distance import probe_of_object
 from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,

@@ -18,16 +18,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.test_house import ROOT
-from wil_campaign.vehicles.readings import PoseReading
-from wil_campaign.vehicles.sources.camera_source import SourceError
-from wil_campaign.vehicles.sources.messagepack import BadMessageError
-from wil_campaign.vehicles.sources.mocap.capture_inputs import UdpCapture, ZmqCapture
-from wil_campaign.vehicles.sources.mocap.feed_statistics import FeedMeter
-from wil_campaign.vehicles.sources.mocap.motion_capture import (
+from wil_campaign.plugins.mocap.capture_inputs import UdpCapture, ZmqCapture
+from wil_campaign.plugins.mocap.motion_capture import (
     MotionCapture,
     decode_frame,
     pose_from_enu,
 )
+from wil_campaign.plugins.readings.messagepack import BadMessageError
+from wil_campaign.vehicles.readings import PoseReading
+from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.vehicles.sources.feed_statistics import FeedMeter
 from wil_campaign.worlds.frames import (
     Pose,
     angle_between,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.vehicles.sources.messagepack import (
+from wil_campaign.plugins.readings.messagepack import (
     MAX_HEADER_BYTES,
     BadMessageError,
     Header,

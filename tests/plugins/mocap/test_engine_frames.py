@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.vehicles.sources.mocap.motion_capture import pose_from_enu
+from wil_campaign.plugins.mocap.motion_capture import pose_from_enu
 from wil_campaign.worlds.frames import Pose, Quat, Vec3, angle_between, quat_from_euler, rotate
 
 angles = st.floats(-3.1, 3.1)

@@ -1,17 +1,46 @@
 """Motion capture inputs: UDP datagrams, or a ZeroMQ subscription. Wall clock only."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Self
 
 import zmq
 
-from wil_campaign.vehicles.readings import PoseReading
+from wil_campaign.campaigns.values.external_setups import MocapSetup
+from wil_campaign.plugins.mocap.motion_capture import MotionCapture
+from wil_campaign.vehicles.readings import PoseReading, Source
 from wil_campaign.vehicles.sources.camera_source import SourceError
-from wil_campaign.vehicles.sources.mocap.motion_capture import MotionCapture
 
 Deliver = Callable[[PoseReading], None]
 _MOST_OTHERS = 8
+
+
+def udp_capture(setups: Mapping[Source, MocapSetup], deliver: Deliver) -> "UdpCapture":
+    """Return the input of vehicles whose motion capture comes by UDP to one port."""
+    one = next(iter(setups.values()))
+    return UdpCapture(
+        host=one.host,
+        port=one.port,
+        capture=_capture(setups),
+        deliver=deliver,
+        sender=one.sender,
+    )
+
+
+def zmq_capture(setups: Mapping[Source, MocapSetup], deliver: Deliver) -> "ZmqCapture":
+    """Return the input of vehicles whose motion capture comes from one ZeroMQ publisher."""
+    one = next(iter(setups.values()))
+    return ZmqCapture(
+        address=one.address, capture=_capture(setups), deliver=deliver, topic=one.topic.encode()
+    )
+
+
+def _capture(setups: Mapping[Source, MocapSetup]) -> MotionCapture:
+    """Return what reads the messages of some vehicles' bodies."""
+    return MotionCapture(
+        bodies={one.body: vehicle for vehicle, one in setups.items()},
+        latency_s=next(iter(setups.values())).latency_s,
+    )
 
 
 class UdpCapture(asyncio.DatagramProtocol):
@@ -28,7 +57,7 @@ class UdpCapture(asyncio.DatagramProtocol):
     ) -> None:
         self.name = f"motion capture on UDP {host}:{port}"
         self._address = (host, port)
-        self._capture = capture
+        self.capture = capture
         self._deliver = deliver
         self._named = sender
         self._sender: tuple[str, int] | None = None
@@ -75,10 +104,10 @@ class UdpCapture(asyncio.DatagramProtocol):
         if not self._is_sender(addr):
             self._note_other(addr)
             return
-        garbage = self._capture.garbage
-        for reading in self._capture.take(data, self._loop.time()):
+        garbage = self.capture.garbage
+        for reading in self.capture.take(data, self._loop.time()):
             self._deliver(reading)
-        if self._sender is None and self._capture.garbage == garbage:
+        if self._sender is None and self.capture.garbage == garbage:
             self._sender = addr
 
     def _is_sender(self, addr: tuple[str, int]) -> bool:
@@ -111,8 +140,10 @@ class ZmqCapture:
     ) -> None:
         self.name = f"motion capture at {address}"
         self._address = address
-        self._capture = capture
+        self.capture = capture
         self._deliver = deliver
+        self.others: dict[str, str] = {}
+        self.rivals = ""
         self._topic = topic
 
     async def __aenter__(self) -> Self:
@@ -144,5 +175,5 @@ class ZmqCapture:
         # The descriptor is edge-triggered: all messages that have arrived must be read at once.
         while self._socket.poll(0, zmq.POLLIN):
             parts = self._socket.recv_multipart(zmq.NOBLOCK)
-            for reading in self._capture.take(parts[-1], self._loop.time()):
+            for reading in self.capture.take(parts[-1], self._loop.time()):
                 self._deliver(reading)

@@ -8,10 +8,10 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from wil_campaign.plugins.readings.messagepack import BadMessageError, Header
 from wil_campaign.vehicles.readings import PoseReading, Source
 from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock
-from wil_campaign.vehicles.sources.messagepack import BadMessageError, Header
-from wil_campaign.vehicles.sources.mocap.feed_statistics import FeedMeter, FeedStatistics
+from wil_campaign.vehicles.sources.feed_statistics import FeedMeter, FeedStatistics
 from wil_campaign.worlds.frames import Pose, Quat, Vec3, ned_from_enu, quat_multiply, quat_normalize
 
 PROTOCOL = "wil/mocap/1"
