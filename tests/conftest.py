@@ -134,6 +134,7 @@ WALL = (
     "orchestrator/cli/test_arming_consent.py",
     "plugins/standalone/test_vehicle_camera.py",
     "plugins/cluster/test_ray_engine.py",
+    "plugins/depth_cameras/test_depth_cameras.py",
     "plugins/cluster/test_store_of_results.py",
     "orchestrator/operator",
     "plugins/mqtt",

@@ -271,7 +271,9 @@ class SourcedPart(CarriedPart):
         kind = self.type
         there, wanted = MESSAGES.get(kind, ()), self.source.message
         if kind != "pose" and not there:
-            fault = f"MAVLink has no message with readings of a {kind}: use tcp:// or an MCAP file"
+            fault = (
+                f"MAVLink has no message with readings of type {kind}: use tcp:// or an MCAP file"
+            )
             raise KeyFaultError(("source", "address"), fault)
         if wanted is not None and wanted not in there:
             known = ", ".join(there) or "none, for it is the vehicle's estimate"

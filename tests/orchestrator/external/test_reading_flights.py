@@ -359,8 +359,7 @@ def test_recorded_depth_is_mixed_perceived_recorded_and_read_back(
     (source,) = result.outside.sources
     assert (source.sensor, source.source, source.damaged) == ("depth", "file", 0)
     there = [one for one in readings(folder) if isinstance(one, DepthReading)]
-    by_source = {name: [one for one in there if one.source == name] for name in ("real", "mixed")}
-    reals, mixtures = by_source["real"], by_source["mixed"]
+    reals, mixtures = ([one for one in there if one.source == name] for name in ("real", "mixed"))
     assert len(reals) > 50
     assert len(mixtures) > 50
     for real in reals:
@@ -374,7 +373,7 @@ def test_recorded_depth_is_mixed_perceived_recorded_and_read_back(
         path=folder / "run.mcap", kind="depth", topic="/real/depth", camera=reals[0].intrinsics
     )
     file.open()
-    again = list(iter(file.next, None))
+    again: list[Any] = list(iter(file.next, None))
     assert len(again) == len(reals)
     assert all(np.array_equal(a.depth_m, b.depth_m) for a, b in zip(again, reals, strict=True))
 

@@ -253,7 +253,7 @@ def threading_pause(timeout_ms: int) -> None:
 @pytest.fixture
 def library(monkeypatch: pytest.MonkeyPatch) -> Library:
     made = Library()
-    monkeypatch.setitem(sys.modules, "pyrealsense2", made)  # type: ignore[arg-type]
+    monkeypatch.setitem(sys.modules, "pyrealsense2", made)
     return made
 
 

@@ -88,7 +88,8 @@ def test_arrays_may_be_bytes() -> None:
     assert isinstance(sound, MicrophoneReading)
     assert sound.samples.tolist() == [-32768, 32767]
     millimetres = np.array([1000, 2000, 3000, 0, 5000, 65535], "<u2")
-    for sent in ({}, {"depth_m": None, "depth_mm": millimetres.tobytes()}):
+    others: tuple[dict[str, Any], ...] = ({}, {"depth_mm": millimetres.tobytes()})
+    for sent in others:
         image = read(msgpack.packb(message("depth", **sent)))
         assert isinstance(image, DepthReading)
         assert (image.intrinsics, image.rendered, image.camera_pose) == (LENS, False, None)

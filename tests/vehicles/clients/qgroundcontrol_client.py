@@ -148,11 +148,12 @@ class Station:
         items = []
         for seq in range(count.count):
             self.mav.mission_request_int_send(1, 1, seq, kind)
-            items.append(
-                self.wait(lambda m, seq=seq: m.get_type() == "MISSION_ITEM_INT" and m.seq == seq)
-            )
+            items.append(self._item(seq))
         self.mav.mission_ack_send(1, 1, mavlink.MAV_MISSION_ACCEPTED, kind)
         return items
+
+    def _item(self, seq: int) -> Any:
+        return self.wait(lambda m: m.get_type() == "MISSION_ITEM_INT" and m.seq == seq)
 
     def upload(self, kind: int, items: list[tuple[int, int, tuple[float, ...]]]) -> None:
         """Upload a plan; items: command, frame, four parameters, latitude, longitude, height."""
