@@ -100,6 +100,7 @@ FLIGHTS = (
     "plugins/mavsdk/test_mavsdk_run.py",
     "plugins/programs/test_program_flights.py",
     "plugins/ros2/test_node_wall_flight.py",
+    "plugins/search/test_search_on_bench.py",
     "orchestrator/run/flight/test_scaled_run.py",
     "orchestrator/run/flight/test_wall_run.py",
     "vehicles/clients",
