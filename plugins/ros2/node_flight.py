@@ -299,10 +299,11 @@ class _NodeFlight:
         which = "" if missing else "any of "
         lines = "" if found.node is None else found.node.last_lines()
         printed = f"; its last lines: {lines}" if lines else ""
+        mismatches = "; ".join(self._wire.mismatches())
+        remedy = "check its RMW_IMPLEMENTATION, and its topics by autonomy.ros2.topics"
         return (
             f"is a node that has not subscribed to {which}{names} within {self._part.start_s:g} s "
-            f"(autonomy.ros2.start_s): check its RMW_IMPLEMENTATION, and its topics by "
-            f"autonomy.ros2.topics{printed}"
+            f"(autonomy.ros2.start_s): {mismatches or remedy}{printed}"
         )
 
     def _on_node_end(self) -> None:

@@ -27,6 +27,8 @@ _TRIES = 8
 _QUALITIES = {"reliable": "1:2:1,10:,:,:,,", "latched": "1:1:1,1:,:,:,,"}
 """Reliability, durability and history of rmw/types.h, as liveliness tokens have them."""
 _NODE = "wil"
+_KIND_PART, _NODE_PART, _HASH_PART = 5, 8, 11
+"""Of a token's key: what it is of, and where its node's name begins what follows to the hash."""
 _ATTACHMENT = struct.Struct("<qqB")
 
 
@@ -60,7 +62,7 @@ class ZenohWire:
         )
         entity = next(self._entities)
         gid = entity.to_bytes(_GID_BYTES, "little")
-        self._publishers[name] = _Publisher(publisher, gid)
+        self._publishers[name] = _Publisher(publisher, gid, topic.type, hash_)
         self._declare_entity(f"{entity}/MP", name, topic.type, _QUALITIES[topic.quality])
         if topic.name == GOAL:
             self._latest[name] = b""
@@ -107,6 +109,27 @@ class ZenohWire:
         except zenoh.ZError:
             return False
         return True
+
+    def mismatches(self) -> list[str]:
+        """Return in words the subscriptions by another type, or by that of another ROS."""
+        found = []
+        for reply in self._session.liveliness().get(f"@ros2_lv/{self._domain}/**"):
+            parts = [] if reply.ok is None else str(reply.ok.key_expr).split("/")
+            if len(parts) <= _HASH_PART or parts[_KIND_PART] != "MS":
+                continue
+            node, topic, dds, hash_ = parts[_NODE_PART : _HASH_PART + 1]
+            ours = self._publishers.get(topic.replace("%", "/"))
+            if ours is None or (ros_name(dds), hash_) == (ours.type, ours.hash):
+                continue
+            where = f"the node {node} subscribes to {topic.replace('%', '/')}"
+            if ros_name(dds) != ours.type:
+                found.append(f"{where} with {ros_name(dds)}, not {ours.type}")
+            else:
+                found.append(
+                    f"{where} with {ours.type} of another ROS, whose hash is {hash_} and not "
+                    f"{ours.hash} (autonomy.ros2.distribution)"
+                )
+        return sorted(found)
 
     def trouble(self) -> str:
         """Return "": the session is in this process."""
@@ -157,9 +180,10 @@ class ZenohWire:
 
 
 class _Publisher:
-    def __init__(self, publisher: Any, gid: bytes) -> None:
+    def __init__(self, publisher: Any, gid: bytes, type_: str, hash_: str) -> None:
         self.publisher = publisher
         self.gid = gid
+        self.type, self.hash = type_, hash_
         self.sent = 0
 
 

@@ -259,7 +259,9 @@ def main(behaviour: str) -> int:
     node = Node()
     if behaviour == "deaf":
         node.subscribe("/clock", "rosgraph_msgs/msg/Clock", lambda _: None)
-        node.spin(lambda: False)
+        old = f"@ros2_lv/{DOMAIN}/1/0/1/MS/%/%/old/%odom/nav_msgs::msg::dds_::Odometry_"
+        token = node.session.liveliness().declare_token(f"{old}/RIHS01_0/::,:,:,:,,")
+        node.spin(lambda: token is None)
     if behaviour in {"straight", "crash", "looks", "mavros"}:
         names = MAVROS if behaviour == "mavros" else ("/cmd_vel", "/odom")
         is_crash, is_look = behaviour == "crash", behaviour == "looks"

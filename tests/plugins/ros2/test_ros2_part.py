@@ -12,6 +12,7 @@ from wil_campaign.campaigns.schema import campaign_model
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.cli.clock_choice import clock_for, shared_of
 from wil_campaign.plugins.ros2.domains import claimed_domain
+from wil_campaign.plugins.ros2.rclpy_wire import open_rclpy
 from wil_campaign.plugins.ros2.ros2_part import Ros2Part
 from wil_campaign.plugins.ros2.wire import WireError
 
@@ -136,3 +137,23 @@ def test_two_runs_never_have_one_domain() -> None:
             pass
     with claimed_domain(first) as again:
         assert again == first
+
+
+async def test_a_python_without_rclpy_is_named(tmp_path: Path) -> None:
+    """As ROS is absent, or its setup.bash was not sourced: nothing is armed."""
+    python = tmp_path / "python"
+    python.write_text("#!/bin/sh\necho \"ModuleNotFoundError: No module named 'rclpy'\"\nexit 1\n")
+    python.chmod(0o755)
+    fault = "rclpy does not start .ended with exit code 1.*: ModuleNotFoundError.*autonomy.ros2.pyt"
+    with pytest.raises(WireError, match=fault):
+        async with open_rclpy(str(python), domain=3, folder=tmp_path, log=tmp_path / "log"):
+            pass
+
+
+def test_without_the_extra_the_wire_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("wil_campaign.plugins.ros2.ros2_part.find_spec", lambda _: None)
+    monkeypatch.setattr("wil_campaign.plugins.ros2.ros2_autonomy.find_spec", lambda _: None)
+    with pytest.raises(BadInput, match=r"needs rosbags and zenoh: pip install 'wil-campaign\[ros2"):
+        load_campaign(node_file(tmp_path, "{command: [sh]}"))

@@ -12,9 +12,9 @@ import pytest
 import zenoh
 
 from wil_campaign.plugins.ros2.messages.ros_messages import TEXT, TWIST, RosMessages
-from wil_campaign.plugins.ros2.messages.ros_types import dds_name, ros_types
+from wil_campaign.plugins.ros2.messages.ros_types import dds_name, ros_name, ros_types
 from wil_campaign.plugins.ros2.messages.topics import OWN
-from wil_campaign.plugins.ros2.wire import InMessage
+from wil_campaign.plugins.ros2.wire import InMessage, WireError
 from wil_campaign.plugins.ros2.zenoh_wire import ZenohWire
 
 TYPES = ros_types("jazzy")
@@ -71,6 +71,8 @@ SERVED = ("/wil/goal", "/wil/done", "/wil/abort")
 HASH = "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
 """Of std_srvs/srv/Trigger, as the file Trigger.json of std_srvs says."""
 GID = bytes(range(16))
+KEY = "autonomy.ros2.distribution"
+OURS = TYPES.hash(TEXT)
 
 
 @pytest.fixture
@@ -129,3 +131,45 @@ def test_the_graph_shows_the_services(services: tuple[ZenohWire, list[InMessage]
     tokens = sorted(one.partition("/SS/")[2] for one in found if "/SS/" in one)
     ends = f"std_srvs::srv::dds_::Trigger_/{HASH}/1:2:1,10:,:,:,,"
     assert tokens == [f"%/%/wil/%wil%{name}/{ends}" for name in ("abort", "done", "goal")]
+
+
+@pytest.mark.parametrize(
+    ("dds", "hash_", "fault"),
+    [
+        ("std_msgs::msg::dds_::String_", TYPES.hash(TEXT), ""),
+        (
+            "std_msgs::msg::dds_::String_",
+            "TypeHashNotSupported",
+            f" of another ROS, whose hash is TypeHashNotSupported and not {OURS} ({KEY})",
+        ),
+        (
+            "std_msgs::msg::dds_::Bool_",
+            TYPES.hash(TEXT),
+            ", not std_msgs/msg/String",
+        ),
+    ],
+)
+def test_subscriptions_that_do_not_match_are_named(
+    services: tuple[ZenohWire, list[InMessage]], dds: str, hash_: str, fault: str
+) -> None:
+    wire, _ = services
+    with session_at(wire) as node:
+        of = "@ros2_lv/3/1/0/1/MS/%/%/old/%wil%goal"
+        token = node.liveliness().declare_token(f"{of}/{dds}/{hash_}/::,:,:,:,,")
+        until_s = time.monotonic() + 60.0
+        while not list(node.liveliness().get(f"{of}/**")):
+            assert time.monotonic() < until_s
+            time.sleep(0.01)
+        named = f"the node old subscribes to /wil/goal with {ros_name(dds)}{fault}"
+        assert wire.mismatches() == ([named] if fault else [])
+        token.undeclare()
+
+
+def test_a_router_that_runs_already_is_named() -> None:
+    wire = ZenohWire(domain=3, port=0, types=TYPES)
+    try:
+        port = int(wire.endpoint.rpartition(":")[2])
+        with pytest.raises(WireError, match=r"zenoh cannot listen at .*; end the router there"):
+            ZenohWire(domain=3, port=port, types=TYPES)
+    finally:
+        wire.close()
