@@ -272,8 +272,8 @@ def _profile(battery: Battery | None, log: Path) -> str:
     text = starter.read_text("utf-8").replace("@NAME@", _quoted_in(name))
     for key, value in known.items():
         text = re.sub(rf"(?m)^(  {key}: )\S+", rf"\g<1>{value}", text)
-    told = f"battery {', '.join(known)}" if known else "nothing of the battery"
-    return f"# From {name}: {told}. The rest is not in a log.\n{text}"
+    stated = f"battery {', '.join(known)}" if known else "nothing of the battery"
+    return f"# From {name}: {stated}. The rest is not in a log.\n{text}"
 
 
 def _quoted_in(text: str) -> str:
