@@ -16,9 +16,9 @@ from wil_campaign.plugins.depth_cameras.depth_grabber import (
     GrabbedReadings,
     camera_of,
 )
+from wil_campaign.plugins.readings.depth_images import metres_of
 from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.vehicles.sources.camera_source import SourceError
-from wil_campaign.vehicles.sources.readings.depth_images import metres_of
 from wil_campaign.vehicles.sources.source_request import SourceRequest
 
 _CLOCK_HZ = 90_000

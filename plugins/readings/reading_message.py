@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from wil_campaign.plugins.readings.depth_images import check_camera, metres_of
 from wil_campaign.plugins.readings.messagepack import BadMessageError, Header
 from wil_campaign.vehicles.readings import (
     DepthReading,
@@ -27,7 +28,6 @@ from wil_campaign.vehicles.readings import (
     reading_types,
 )
 from wil_campaign.vehicles.readings.numbers import number_fields
-from wil_campaign.vehicles.sources.readings.depth_images import check_camera, metres_of
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, Vec3, quat_normalize
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from wil_campaign.plugins.readings.depth_images import ros_depth
 from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.plugins.readings.reading_message import Sampled
 from wil_campaign.vehicles.readings import (
@@ -25,7 +26,6 @@ from wil_campaign.vehicles.readings import (
     Reading,
 )
 from wil_campaign.vehicles.readings.checks import fault_of
-from wil_campaign.vehicles.sources.readings.depth_images import ros_depth
 from wil_campaign.worlds.frames import (
     Pose,
     Quat,

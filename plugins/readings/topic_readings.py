@@ -16,13 +16,13 @@ from wil_campaign.foundation.files.limited_json import loads_limited
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
 from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode
+from wil_campaign.plugins.readings.depth_images import check_camera, ros1_image
 from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.plugins.readings.reading_message import Sampled
 from wil_campaign.plugins.readings.ros2_messages import ROS2_TYPES, read_ros2, stamp_s
 from wil_campaign.vehicles.readings import DepthReading, Reading, sensor_names, sensor_type_of
 from wil_campaign.vehicles.readings.checks import fault_of
 from wil_campaign.vehicles.sources.camera_source import SourceError
-from wil_campaign.vehicles.sources.readings.depth_images import check_camera, ros1_image
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 
