@@ -15,9 +15,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from tests.orchestrator.flights import all_landed
 from tests.orchestrator.recording.ros2_bag import write_bag
 from wil_campaign.campaigns.values.external_setups import ReadingSourceSetup
-from wil_campaign.orchestrator.external import external_readings
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading, Recording
+from wil_campaign.plugins.readings import reading_sources
 from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.plugins.readings.reading_message import PROTOCOL
 from wil_campaign.plugins.readings.topic_readings import TopicReadings
@@ -438,7 +438,7 @@ def test_depth_that_is_spoiled_proves_nothing(
 
     monkeypatch.setitem(Px4Core.builders, mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, build)
     monkeypatch.setattr(FakeDepth, "spoil", staticmethod(spoil_depth), raising=False)
-    monkeypatch.setattr(external_readings, "ZmqReadings", FakeDepth)
+    monkeypatch.setattr(reading_sources, "ZmqReadings", FakeDepth)
     monkeypatch.setattr(ReadingSourceSetup, "needs_wall_clock", property(lambda _: False))
     sets = (*depth_flight(tmp_path, "tcp://127.0.0.1:5580"), "goal.altitude_m=1")
     result, folder = fly_run(sets=sets, has_cameras=False)
