@@ -1,8 +1,8 @@
 """Depth images in RTP: uncompressed, 16 bits a pixel, millimetres. Wall clock only.
 
 RFC 3550 (the header of a packet) and RFC 4175 (lines of uncompressed video). No codec that FFmpeg
-carries in RTP has 16 bits, and its own reader of such lines hands on images of which lines are
-missing: a distance in them would be one of an image before. What is read here is complete.
+carries in RTP has 16 bits, and its own reader of such lines counts none (read in its source, not
+tried): a lost line would show a distance of an image before. What is read here is complete.
 """
 
 import re

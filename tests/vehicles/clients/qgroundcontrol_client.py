@@ -2,9 +2,9 @@
 
 What it sends, and what it needs for an answer, is read off QGroundControl's source: its
 InitialConnectStateMachine.cc (commit 0e18c938), RequestMetaDataTypeStateMachine.cc (0ae35b5c),
-StandardModes.cc, ParameterManager.cc, APMFirmwarePlugin.cc, and the managers of files, plans,
-cameras and gimbals. QGroundControl itself is not run: it
-has no mode without a screen. Between both connections a plan is uploaded, as its Plan view does.
+StandardModes.cc, ParameterManager.cc and APMFirmwarePlugin.cc; of the managers of files, plans,
+cameras and gimbals partly from memory. QGroundControl itself is not run: it has no mode without a
+screen. Between both connections a plan is uploaded, as its Plan view does.
 A line for each step, and exit code 0 when all of it worked.
 """
 
