@@ -446,7 +446,7 @@ def test_setpoints_come_on_the_name_of_the_campaign() -> None:
 
 
 def test_a_twist_without_a_stamp_flies_by_the_name_of_the_other() -> None:
-    names = {"/cmd_vel_unstamped": "/cmd_vel"}
+    names: dict[str, str | None] = {"/cmd_vel_unstamped": "/cmd_vel"}
     part = Ros2Part(command=["node"], topics=names)
     assert in_topics(part, part.topics)["/cmd_vel"].type == "geometry_msgs/msg/Twist"
     assert "/cmd_vel_unstamped" not in in_topics(part, part.topics)
