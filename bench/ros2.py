@@ -117,23 +117,29 @@ def images(count: int, hz: float, width: int, height: int) -> bool:
 
 
 def flight() -> bool:
-    """Fly the campaign of `init --ros2`; print how many flown seconds a second of the wall has."""
+    """Fly the campaign of `init --ros2`; print how many flown seconds a second of the wall has.
+
+    The first flight of an installation compiles the kernels of its judges, some 10 s: it is none of
+    those that are measured.
+    """
     with tempfile.TemporaryDirectory() as folder:
         words = [sys.executable, "-m", "wil_campaign"]
         made = [*words, "init", "first", "--ros2", "--in", folder]
         subprocess.run(made, check=True, capture_output=True)  # noqa: S603 - our program
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         paces = []
-        for mode in ("sim", "wil"):
-            out = Path(folder) / "out" / mode
+        for number, mode in enumerate(("sim", "sim", "wil")):
+            out = Path(folder) / "out" / str(number)
             chosen = ["--case", "wide", "--mode", mode, "--set", "controls={}", "--out", str(out)]
             run = [*words, "run", f"{folder}/campaign.yaml", *chosen]
             environment = {**os.environ, "PATH": path}
             subprocess.run(run, check=True, capture_output=True, env=environment)  # noqa: S603
             (result,) = out.glob("*/*/wide/*/1/result.json")
             found = json.loads(result.read_text("utf-8"))
-            paces.append(found["duration_s"] / found["wall_s"])
-            print(f"{mode}: {found['verdict']}, {paces[-1]:.1f} flown seconds a wall second")
+            pace = found["duration_s"] / found["wall_s"]
+            which = f"{mode}, first flight" if number == 0 else mode
+            print(f"{which}: {found['verdict']}, {pace:.1f} flown seconds a wall second")
+            paces += [pace] if number else []
     return min(paces) >= WANTED_PACE
 
 

@@ -162,7 +162,7 @@ class _NodeFlight:
         sensors = self._setup.vehicle(self._name).sensors
         names = part.topics if part.px4_msgs is None else {**px4_names(types), **part.topics}
         self._topics = NodeTopics(wire, _out_topics(part, vehicle), names)
-        self._inbox = SetpointInbox(_in_topics(part, names))
+        self._inbox = SetpointInbox(in_topics(part, names))
         self._sensors = sensors
         for name, topic in self._inbox.topics.items():
             wire.listen(name, topic.type, self._inbox.take)
@@ -343,7 +343,8 @@ def _out_topics(part: Ros2Part, vehicle: FlownVehicle) -> tuple[OutTopic, ...]:
     return tuple(found)
 
 
-def _in_topics(part: Ros2Part, names: Mapping[str, str | None]) -> dict[str, InTopic]:
+def in_topics(part: Ros2Part, names: Mapping[str, str | None]) -> dict[str, InTopic]:
+    """Return the topics of setpoints and words by the node's names. names: of ours, by ours."""
     ours = {**SETPOINTS, **WORDS}
     if part.px4_msgs is not None:
         ours |= {**PX4_SETPOINTS, **PX4_WORDS}

@@ -1,4 +1,4 @@
-"""Setpoints of messages: TwistStamped, PoseStamped, MultiDOFJointTrajectory, TrajectorySetpoint."""
+"""Setpoints of messages: twists, PoseStamped, MultiDOFJointTrajectory, TrajectorySetpoint."""
 
 import math
 import struct
@@ -9,6 +9,7 @@ from wil_campaign.plugins.ros2.messages.ros_frames import enu, heading_ned, ned_
 from wil_campaign.plugins.ros2.messages.ros_messages import (
     BODY_FRAME,
     ODOMETRY_FRAME,
+    PLAIN_TWIST,
     POSE,
     TRAJECTORY,
     TRAJECTORY_SETPOINT,
@@ -33,8 +34,11 @@ class BadSetpointError(Exception):
 
 
 def stamp_of(cdr: bytes, kind: str = TWIST) -> int:
-    """Return the stamp, in nanoseconds, of the CDR of a setpoint: of its Header, or PX4's."""
-    if len(cdr) < 12:
+    """Return the stamp, in nanoseconds, of the CDR of a setpoint: of its Header, or PX4's.
+
+    0 for a message that has none.
+    """
+    if len(cdr) < 12 or kind == PLAIN_TWIST:
         return 0
     order = "<" if cdr[1] & 1 else ">"
     if kind == TRAJECTORY_SETPOINT:
@@ -56,6 +60,11 @@ def setpoint_of(message: Any, kind: str, body: Pose) -> Setpoint:
 def _of_twist(message: Any, body: Pose) -> Setpoint:
     """Return the velocity of a TwistStamped: of the world, or of the level body's axes."""
     return _velocity(message.twist, message.header.frame_id, body)
+
+
+def _of_plain_twist(message: Any, body: Pose) -> Setpoint:
+    """Return the velocity of a Twist, which says no frame: of the level body's axes."""
+    return _velocity(message, BODY_FRAME, body)
 
 
 def _velocity(twist: Any, frame: str, body: Pose) -> VelocitySetpoint:
@@ -163,6 +172,7 @@ def _number(name: str, value: float) -> float:
 
 _READERS: Mapping[str, Callable[[Any, Pose], Setpoint]] = {
     TWIST: _of_twist,
+    PLAIN_TWIST: _of_plain_twist,
     POSE: _of_pose,
     TRAJECTORY: _of_trajectory,
     TRAJECTORY_SETPOINT: _of_px4,

@@ -12,6 +12,7 @@ from wil_campaign.plugins.ros2.messages.ros_messages import (
     IMAGE,
     IMU,
     ODOMETRY,
+    PLAIN_TWIST,
     POINTS,
     POSE,
     RANGE,
@@ -26,6 +27,8 @@ Quality = Literal["reliable", "latched"]
 """Reliable with a short queue; latched: late subscribers get the last message, too."""
 SETPOINTS: Mapping[str, str] = {
     "/cmd_vel": TWIST,
+    # After it: a campaign may give this one the name of that.
+    "/cmd_vel_unstamped": PLAIN_TWIST,
     "/setpoint/pose": POSE,
     "/setpoint/trajectory": TRAJECTORY,
 }

@@ -8,6 +8,7 @@ import pytest
 
 from tests.plugins.ros2.px4.definitions import DEFINITIONS
 from wil_campaign.plugins.ros2.messages.ros_messages import (
+    PLAIN_TWIST,
     POSE,
     TRAJECTORY,
     TRAJECTORY_SETPOINT,
@@ -114,6 +115,15 @@ def test_the_stamp_is_read_without_the_rest() -> None:
     big_endian = b"\0\0\0\0" + np.array([5, 250], ">u4").tobytes()
     assert stamp_of(big_endian) == 5_000_000_250
     assert stamp_of(b"\0\1") == 0
+
+
+def test_a_twist_without_a_stamp_is_of_the_body() -> None:
+    body = of(PLAIN_TWIST, vector(1.0, 2.0, 3.0), vector(0.0, 0.0, 0.5))
+    found = setpoint_of(body, PLAIN_TWIST, EAST)
+    assert isinstance(found, VelocitySetpoint)
+    assert found.velocity_ned_m_s == pytest.approx((2.0, 1.0, -3.0))
+    assert found.yaw_rate_rad_s == -0.5
+    assert stamp_of(TYPES.serialize(body, PLAIN_TWIST), PLAIN_TWIST) == 0
 
 
 PX4 = RosTypes("jazzy", {TRAJECTORY_SETPOINT: DEFINITIONS["TrajectorySetpoint"]})
