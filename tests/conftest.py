@@ -146,7 +146,7 @@ WALL = (
     "vehicles/links/test_flapping.py",
     "plugins/mavsdk",
     "wil_campaign/foundation/processes/test_other_systems.py",
-    "vehicles/sources/readings/test_zmq_readings.py",
+    "plugins/readings/test_zmq_readings.py",
     "plugins/cameras/test_streams.py",
 )
 """What waits on the wall clock: it leaves the processor idle most of the time."""
