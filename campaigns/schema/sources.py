@@ -349,8 +349,10 @@ class MocapPart(Part):
 
     @model_validator(mode="after")
     def _require_known_scheme(self) -> "MocapPart":
-        """Refuse a motion capture source's address of an unknown scheme."""
+        """Refuse a motion capture source's address of an unknown scheme, or of an absent plugin."""
         kind, _, _ = self._parse_address()
+        if why := absent(motion_captures).get(kind):
+            raise KeyFaultError("address", why)
         if self.topic and kind != "zmq":
             raise KeyFaultError("topic", "applies to tcp:// only")
         if self.sender and kind != "udp":
@@ -360,13 +362,8 @@ class MocapPart(Part):
         return self
 
     def setup(self, vehicle: str) -> MocapSetup:
-        """Return the setup of a vehicle's motion capture source.
-
-        Raises KeyFaultError where its plugin is not installed.
-        """
+        """Return the setup of a vehicle's motion capture source."""
         kind, host, port = self._parse_address()
-        if why := absent(motion_captures).get(kind):
-            raise KeyFaultError("address", why)
         return MocapSetup(
             kind=kind,
             host=host,

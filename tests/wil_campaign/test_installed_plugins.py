@@ -238,9 +238,11 @@ def ping(link, *, arm_real, results, as_json):
 
 
 def test_a_check_of_another_distribution_is_an_option_of_doctor(
-    install: Install, capsys: pytest.CaptureFixture[str]
+    install: Install, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     install(CHECK)
+    # Its options are those of the plugins that were there when it was imported.
+    monkeypatch.delitem(sys.modules, "wil_campaign.plugins.doctor.doctor_command", raising=False)
     link = ["doctor", "--vehicle", "udpin://127.0.0.1:14540"]
     assert main([*link, "--ping", "--out", "there"]) == 1
     assert "pinged udpin://127.0.0.1:14540 False there False" in capsys.readouterr().out

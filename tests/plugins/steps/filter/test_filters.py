@@ -189,16 +189,6 @@ def test_sector_and_box_of_points() -> None:
     ]
 
 
-def test_objects_of_lidars_and_depth_are_kept_by_their_ids() -> None:
-    choose = build("isolate_objects", Context({"gate": 7}), names=["gate"])
-    ids = np.array([0, 7, 3, 7], np.uint8)
-    assert choose(Masked(scan(np.ones(4), object_ids=ids)), None).mask.tolist() == [0, 255, 0, 255]
-    points = cloud(np.ones((4, 3)), object_ids=ids)
-    assert choose(Masked(points), None).mask.tolist() == [0, 255, 0, 255]
-    seen = depth(1.0, object_ids=np.full((HEIGHT, WIDTH), 7, np.uint8))
-    assert (choose(Masked(seen), None).mask == 255).all()
-
-
 def test_decimation_keeps_each_nth() -> None:
     assert apply("decimate", scan(np.ones(7)), every=3, offset=1).mask.tolist() == [
         0,

@@ -27,7 +27,6 @@ from wil_campaign.recipes.model.registry import find
 from wil_campaign.recipes.operations.step_parameters import RotationPart
 from wil_campaign.recipes.working import CannotMixError, Masked
 from wil_campaign.vehicles.readings import sensor_names
-from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import (
     Pose,
     angle_between,
@@ -284,10 +283,3 @@ def test_beams_that_the_scan_did_not_look_at_are_not_kept() -> None:
     assert np.isinf(work.reading.ranges_m[1:]).all()
     same = apply("resample_beams", front, replace(front, source="real"), to="real").reading
     assert same.ranges_m.tolist() == [5.0, 6.0, 7.0]
-
-
-def test_a_camera_part_has_the_defaults_of_a_pinhole() -> None:
-    part = {"width_px": 4, "height_px": 2, "fx_px": 3.0}
-    assert apply("camera_model", camera(), to=part).reading.intrinsics == Intrinsics(
-        4, 2, 3.0, 3.0, 1.5, 0.5
-    )
