@@ -179,6 +179,8 @@ def _violated(result: RunResult, oracle: OracleResult | None) -> str:
         return f"{oracle.name} of {oracle.vehicle}{word}"
     if result.verdict == "ERROR" and not result.decided_by:
         return result.bare_reason.partition(";")[0]
+    if result.verdict == "FAIL" and result.decided_by.startswith("guard.fence/"):
+        return f"the geofence of {result.decided_by.partition('/')[2]}: the guard took over"
     source = f" ({result.decided_by})" if result.decided_by else ""
     return {
         "FAIL": f"the run failed{source}",

@@ -16,6 +16,7 @@ _STILL_M = 0.3
 _LONG_S = 5.0
 """A shorter stop is not worth a headline."""
 _TARGETS = frozenset({"reached", "reached_position"})
+_BY_FENCE = "guard.fence/"
 _WORDS = {"real": "The real vehicle", "twin": "The twin"}
 
 
@@ -34,6 +35,8 @@ def headline_of(
     oracle: the one that decided. poses: of its vehicle, in the order of time. at_s: when it was
     decided. speed_m_s: of the vehicle then. passed: the nearest pass of the target.
     """
+    if result.verdict == "FAIL" and result.decided_by.startswith(_BY_FENCE):
+        return _landed_by_guard(result, _when(at_s, stages))
     if result.verdict != "FAIL" or oracle is None:
         return ""
     subject = _WORDS.get(oracle.vehicle, oracle.vehicle)
@@ -43,9 +46,17 @@ def headline_of(
         return f"{subject} {_near(oracle, oracle.actual, _when(at_s, stages))}."
     if oracle.name in _TARGETS:
         return f"{subject} {_missed(oracle, poses, stages, passed)}."
-    if oracle.name == "geofence":
-        return f"{subject} left its fence{_when(at_s, stages)}."
-    return ""
+    left = f"{subject} left its fence{_when(at_s, stages)}."
+    return left if oracle.name == "geofence" else ""
+
+
+def _landed_by_guard(result: RunResult, when: str) -> str:
+    """Return that the guard landed a vehicle at its fence, and why."""
+    vehicle = result.decided_by.removeprefix(_BY_FENCE)
+    why = result.bare_reason.partition(";")[0].removeprefix(f"{vehicle} ")
+    why = f"could not{why.removeprefix('cannot')}" if why.startswith("cannot ") else why
+    subject = _WORDS.get(vehicle, vehicle)
+    return f"{subject} was landed by the guard{when}: it {why}."
 
 
 def _near(oracle: OracleResult, actual_m: float, crossed: str) -> str:

@@ -79,6 +79,20 @@ def test_a_contact_says_when_and_how_fast() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("reason", "why"),
+    [
+        ("real cannot stop before the fence's north side, 1.59 m away", "could not stop before"),
+        ("real left its fence by 0.2 m", "left its fence by 0.2 m"),
+    ],
+)
+def test_a_takeover_at_the_fence_says_that_the_guard_landed_it(reason: str, why: str) -> None:
+    result = replace(touched(), reason=reason, decided_by="guard.fence/real")
+    found = headline_of(result, None, [], stages=STAGES, at_s=15.5)
+    began = "The real vehicle was landed by the guard 5.5 s after the goal was given: it "
+    assert found.startswith(began + why)
+
+
 def test_other_verdicts_have_their_reason() -> None:
     (oracle,) = touched().oracles
     invalid = replace(touched(), verdict="INVALID")
