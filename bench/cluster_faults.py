@@ -1,7 +1,7 @@
 """What a campaign over two hosts survives: a victim ended by SIGKILL in flight, then a resumption.
 
 The autonomy writes down each of its flights, on a disk that both hosts have: that counts, whatever
-ledger and results say. Even seeds share the folder of results, odd ones have a store (S3).
+ledger and results say. Even seeds share a folder for the store, odd ones have S3.
 """
 
 import json
@@ -98,9 +98,7 @@ def survives(folder: Path, name: str, seed: int) -> bool:
         by_store = bool(seed % 2) or name == "store"
         if by_store:
             start_store(hosts[0])
-        # What a host has beneath its /tmp is its own.
-        out = "/tmp/out" if by_store else str(folder / "out")  # noqa: S108
-        trial = _Trial(hosts, campaign, out, f"ray://{address}", by_store, flights)
+        trial = _Trial(hosts, campaign, str(folder), f"ray://{address}", by_store, flights)
         try:
             return trial.run(name, seed)
         except (TimeoutError, subprocess.TimeoutExpired) as error:
@@ -168,7 +166,8 @@ class _Trial:
 
     def _command(self, engine: str, *more: str) -> list[str]:
         words = ["run", str(self.campaign), "--engine", engine, "--out", self.out, "--jobs", "2"]
-        store = ["--store", STORE] if self.by_store and engine != "local" else []
+        url = STORE if self.by_store else Path(self.out, "store").as_uri()
+        store = [] if engine == "local" else ["--store", url]
         return self.hosts[0].program(*words, "--repetitions", str(RUNS), *store, *more)
 
     def _left(self) -> list[str]:

@@ -121,10 +121,13 @@ def compare_hosts(folder: Path) -> int:
         check = _Check(folder, first, second)
         start_head(first, 2, _TWICE)
         start_store(first)
+        shared = (folder / "store").as_uri()
         _token(check)
         with check.second_node():
-            check.over_nodes("shared folder", str(folder / "shared"))
-            check.refused("a folder that the other host does not see", "--store")
+            check.over_nodes("shared folder", "/tmp/shared", "--store", shared)  # noqa: S108
+            check.refused(
+                "a folder that the other host does not see", "--store", "--store", "file:///tmp/own"
+            )
             check.over_nodes("store", "/tmp/stored", "--store", STORE)  # noqa: S108
             _benches(check)
             _operators(check)
@@ -143,8 +146,10 @@ def compare_clocks(folder: Path) -> int:
         check = _Check(folder, first, second)
         start_head(first, 2, _TWICE)
         start_store(first)
+        shared = (folder / "store").as_uri()
         with check.second_node(PYTHONPATH=f"{folder}/late:{ROOT}"):
-            check.over_nodes("a clock an hour ahead, shared folder", str(folder / "shared"))
+            out = str(folder / "shared")
+            check.over_nodes("a clock an hour ahead, shared folder", out, "--store", shared)
             check.over_nodes("a clock an hour ahead, store", "/tmp/late", "--store", STORE)  # noqa: S108
             _operators(check)
         texts = (path.read_text() for path in (folder / "shared").glob("hover/*/**/output.txt"))
@@ -199,7 +204,7 @@ def _unfit(check: _Check) -> None:
     with check.second_node(PYTHONPATH=str(other / "code")):
         check.refused("a node with another code", "install the same wheel", "--store", STORE)
     with check.second_node(PYTHONPATH=f"{other}/no-fsspec:{ROOT}"):
-        check.refused("a node without the extra storage", "wil-campaign[storage]", "--store", STORE)
+        check.refused("a node without fsspec", "[cluster,storage]", "--store", STORE)
     with check.second_node(PYTHONPATH=f"{other}/no-orchestrator:{ROOT}"):
         check.refused("a node without wil-campaign", "install the same wheel", "--store", STORE)
 

@@ -19,12 +19,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from wil_campaign.worlds.scene.mesh_files.mesh_reader import (
-    SUFFIXES,
-    Z_UP,
-    MeshFileError,
-    load_mesh_shape,
-)
+from wil_campaign.plugins.meshes.mesh_reader import SUFFIXES, Z_UP, load_mesh_shape
+from wil_campaign.worlds.scene.mesh_formats import MeshFileError
 
 Corners = NDArray[np.float64]
 _NAMES = re.compile(r"'[^']*'|\d[\d.e+-]*")

@@ -43,6 +43,8 @@ FAST = (
     "orchestrator/report/rendering/test_report_page.py",
     "orchestrator/report/test_report_words.py",
     "orchestrator/state",
+    "plugins/meshes",
+    "plugins/steps",
     "plugins/injection/test_injected_messages.py",
     "plugins/injection/test_injection_check.py",
     "plugins/injection/test_injection_support.py",
@@ -133,6 +135,7 @@ WALL = (
     "orchestrator/cli/test_arming_consent.py",
     "plugins/standalone/test_vehicle_camera.py",
     "plugins/cluster/test_ray_engine.py",
+    "plugins/depth_cameras/test_depth_cameras.py",
     "plugins/cluster/test_store_of_results.py",
     "orchestrator/operator",
     "plugins/mqtt",
@@ -145,8 +148,8 @@ WALL = (
     "vehicles/links/test_flapping.py",
     "plugins/mavsdk",
     "wil_campaign/foundation/processes/test_other_systems.py",
-    "vehicles/sources/readings/test_zmq_readings.py",
-    "vehicles/sources/test_streams.py",
+    "plugins/readings/test_zmq_readings.py",
+    "plugins/cameras/test_streams.py",
 )
 """What waits on the wall clock: it leaves the processor idle most of the time."""
 

@@ -9,9 +9,9 @@ import yaml
 
 from tests.test_house import ROOT
 from wil_campaign.orchestrator.cli import build_app
-from wil_campaign.orchestrator.cli.commands.init import _filled
+from wil_campaign.plugins.start.init_command import _filled
 
-STARTERS = ROOT / "orchestrator" / "cli" / "starter"
+STARTERS = ROOT / "plugins" / "start" / "starter"
 PAGE = (ROOT / "docs" / "ci.md").read_text("utf-8")
 
 

@@ -15,8 +15,6 @@ def oracles() -> tuple[OracleKind, ...]:
         OracleKind("modes", "wil_campaign.safety.oracles.autopilot_health:modes"),
         OracleKind("collision", "wil_campaign.safety.oracles.contact:collision"),
         OracleKind("clearance", "wil_campaign.safety.oracles.contact:clearance"),
-        OracleKind("distance", "wil_campaign.safety.oracles.distance:distance"),
-        OracleKind("encounter", "wil_campaign.safety.oracles.encounter:encounter"),
         OracleKind("reached_position", "wil_campaign.safety.oracles.goal:reached_position"),
         OracleKind("time_limit", "wil_campaign.safety.oracles.goal:time_limit"),
         OracleKind("speed", "wil_campaign.safety.oracles.motion:speed"),
@@ -34,52 +32,16 @@ def oracles() -> tuple[OracleKind, ...]:
 def recipe_steps() -> tuple[RecipeStep, ...]:
     """Return the core's steps of recipes."""
     return (
-        RecipeStep(
-            "subtract_background",
-            "wil_campaign.recipes.steps.filter.background:subtract_background",
-        ),
-        RecipeStep(
-            "isolate_detections", "wil_campaign.recipes.steps.filter.detections:isolate_detections"
-        ),
-        RecipeStep("matte", "wil_campaign.recipes.steps.filter.mattes:matte"),
         RecipeStep("isolate_color", "wil_campaign.recipes.steps.filter.isolation:isolate_color"),
         RecipeStep(
             "isolate_objects", "wil_campaign.recipes.steps.filter.isolation:isolate_objects"
         ),
-        RecipeStep("remove_outliers", "wil_campaign.recipes.steps.filter.outliers:remove_outliers"),
-        RecipeStep("median", "wil_campaign.recipes.steps.filter.outliers:median"),
-        RecipeStep("value_range", "wil_campaign.recipes.steps.filter.ranges:value_range"),
-        RecipeStep("decimate", "wil_campaign.recipes.steps.filter.ranges:decimate"),
-        RecipeStep("isolate_region", "wil_campaign.recipes.steps.filter.regions:isolate_region"),
-        RecipeStep("isolate_depth", "wil_campaign.recipes.steps.filter.regions:isolate_depth"),
-        RecipeStep("isolate_sector", "wil_campaign.recipes.steps.filter.regions:isolate_sector"),
-        RecipeStep("isolate_box", "wil_campaign.recipes.steps.filter.regions:isolate_box"),
-        RecipeStep("aggregate", "wil_campaign.recipes.steps.merge.aggregation:aggregate"),
         RecipeStep("overlay", "wil_campaign.recipes.steps.merge.overlays:overlay"),
-        RecipeStep("concatenate", "wil_campaign.recipes.steps.merge.points:concatenate"),
-        RecipeStep("replace", "wil_campaign.recipes.steps.merge.replacement:replacement"),
         RecipeStep("use", "wil_campaign.recipes.steps.own:OWN_STEPS"),
-        RecipeStep("band_pass", "wil_campaign.recipes.steps.sounds:band_pass"),
-        RecipeStep("decimate_sound", "wil_campaign.recipes.steps.sounds:decimate_sound"),
-        RecipeStep("add", "wil_campaign.recipes.steps.sounds:add"),
-        RecipeStep("resample_beams", "wil_campaign.recipes.steps.transform.beams:resample_beams"),
-        RecipeStep("color_space", "wil_campaign.recipes.steps.transform.colors:color_space"),
-        RecipeStep("match_photometry", "wil_campaign.recipes.steps.transform.colors:MATCHES"),
-        RecipeStep("axes", "wil_campaign.recipes.steps.transform.frames:axes"),
-        RecipeStep("attitude", "wil_campaign.recipes.steps.transform.frames:attitude"),
-        RecipeStep("offset", "wil_campaign.recipes.steps.transform.frames:offset"),
-        RecipeStep("remount", "wil_campaign.recipes.steps.transform.frames:remount"),
         RecipeStep("resize", "wil_campaign.recipes.steps.transform.geometry:resize"),
         RecipeStep("crop", "wil_campaign.recipes.steps.transform.geometry:crop"),
         RecipeStep("camera_model", "wil_campaign.recipes.steps.transform.geometry:camera_model"),
-        RecipeStep("fill_depth", "wil_campaign.recipes.steps.transform.holes:fill_depth"),
-        RecipeStep("geodetic", "wil_campaign.recipes.steps.transform.places:geodetic"),
-        RecipeStep("local", "wil_campaign.recipes.steps.transform.places:local"),
-        RecipeStep("to_points", "wil_campaign.recipes.steps.transform.places:to_points"),
         RecipeStep("register", "wil_campaign.recipes.steps.transform.registration:register"),
-        RecipeStep("resample", "wil_campaign.recipes.steps.transform.timing:resample"),
-        RecipeStep("delay", "wil_campaign.recipes.steps.transform.timing:delay"),
-        RecipeStep("units", "wil_campaign.recipes.steps.transform.units:units"),
     )
 
 

@@ -197,6 +197,20 @@ class ProblemFormat:
 
 
 @dataclass(frozen=True, slots=True)
+class RecordingFormat:
+    """A form of other tools in which campaigns have their runs recorded, too (`record.also`).
+
+    name: of the form. trouble: a function that returns why it cannot be written here; "" where it
+    can. write: a function of a run's folder, with its recording and its result, and of what has to
+    be called now and then; it returns the name of the file that it made there.
+    """
+
+    name: str
+    trouble: str
+    write: str
+
+
+@dataclass(frozen=True, slots=True)
 class AutonomyKind:
     """A kind of autonomy that is no class of Python; it has a runner, or is called as a class is.
 
@@ -313,6 +327,47 @@ class SensorSource:
 
 
 @dataclass(frozen=True, slots=True)
+class ImageSourceKind:
+    """A kind of sources of a camera's images, as the address in a campaign says it.
+
+    name: the kind (`SourceKind` of campaigns/values/external_setups.py). open: a function of a
+    SourceSetup; of a kind that renders on request with the keywords of `requested_images`
+    (orchestrator/external/requested_images.py), which returns RequestedImages, else with the
+    keywords `intrinsics`, `side` and `rate_hz`, which returns a CameraSource.
+    """
+
+    name: str
+    open: str
+
+
+@dataclass(frozen=True, slots=True)
+class MotionCaptureKind:
+    """A kind of motion capture, as the address in a campaign says it.
+
+    name: the kind (of MocapSetup, campaigns/values/external_setups.py). open: a function of the
+    MocapSetups of one address by vehicle, and of what receives each PoseReading; it returns a
+    CaptureInput (orchestrator/external/motion_captures.py).
+    """
+
+    name: str
+    open: str
+
+
+@dataclass(frozen=True, slots=True)
+class MeshFormat:
+    """A format of mesh files, which worlds name.
+
+    name: the suffix of its files, as ".obj". load: a function with the parameters of
+    `load_mesh_shape` (worlds/scene/mesh_formats.py), which returns the Shape in a file, or raises
+    MeshFileError. named: a function of a file's path, which returns the files that it names.
+    """
+
+    name: str
+    load: str
+    named: str
+
+
+@dataclass(frozen=True, slots=True)
 class Section:
     """What a section of a report shows and says.
 
@@ -388,6 +443,21 @@ def recipe_formats() -> Sequence[RecipeFormat]:  # type: ignore[empty-body]
 
 
 @_hook
+def image_sources() -> Sequence[ImageSourceKind]:  # type: ignore[empty-body]
+    """Return kinds of sources of cameras' images."""
+
+
+@_hook
+def motion_captures() -> Sequence[MotionCaptureKind]:  # type: ignore[empty-body]
+    """Return kinds of motion capture."""
+
+
+@_hook
+def mesh_formats() -> Sequence[MeshFormat]:  # type: ignore[empty-body]
+    """Return formats of mesh files."""
+
+
+@_hook
 def recipe_steps() -> Sequence[RecipeStep]:  # type: ignore[empty-body]
     """Return steps of recipes."""
 
@@ -445,6 +515,11 @@ def announcers() -> Sequence[Announcer]:  # type: ignore[empty-body]
 @_hook
 def problem_formats() -> Sequence[ProblemFormat]:  # type: ignore[empty-body]
     """Return formats of the faults that `validate` finds."""
+
+
+@_hook
+def recording_formats() -> Sequence[RecordingFormat]:  # type: ignore[empty-body]
+    """Return forms of other tools for recordings, besides run.mcap."""
 
 
 @_hook

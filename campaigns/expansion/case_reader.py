@@ -27,15 +27,20 @@ from wil_campaign.campaigns.schema.operator import GcsPart
 from wil_campaign.campaigns.setup.actor_setups import actor_fences, actor_setups
 from wil_campaign.campaigns.setup.autonomy_under_test import ForeignAutonomy, UnderTest
 from wil_campaign.campaigns.setup.case_files import CaseFiles
-from wil_campaign.campaigns.setup.case_setup import GoalSetup, GuardingSetup, Setup, SyncSetup
+from wil_campaign.campaigns.setup.case_setup import (
+    GoalSetup,
+    GuardingSetup,
+    ObserverSetup,
+    Setup,
+    SyncSetup,
+)
 from wil_campaign.campaigns.setup.fault_setups import fault_setups
 from wil_campaign.campaigns.setup.link_setups import LinkSetup, link_setup
-from wil_campaign.campaigns.setup.observer_setups import observer_setups
 from wil_campaign.campaigns.setup.oracle_uses import oracle_uses
 from wil_campaign.campaigns.setup.vehicle_fences import Drawing, fences_of
 from wil_campaign.campaigns.setup.vehicle_setups import vehicle_setups
 from wil_campaign.foundation.files.documents import BadInput, Document, Problem, check
-from wil_campaign.hooks import autonomy_kinds
+from wil_campaign.hooks import autonomy_kinds, run_observers
 from wil_campaign.installed_plugins import added, load
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.safety.evaluation.judge import OracleUse
@@ -231,3 +236,15 @@ def unique(problems: list[Problem]) -> tuple[Problem, ...]:
     files = list(dict.fromkeys(problem.file for problem in problems))
     ordered = sorted(dict.fromkeys(problems), key=lambda p: (files.index(p.file), p.line, p.column))
     return tuple(problem for problem, _ in itertools.groupby(ordered))
+
+
+def observer_setups(
+    campaign: Document, part: CampaignPart, problems: list[Problem]
+) -> dict[str, ObserverSetup]:
+    """Return the observers' setups of a case by their keys; problems are collected."""
+    found: dict[str, ObserverSetup] = {}
+    for name, observer in added(run_observers).items():
+        setup = load(observer.setup)(getattr(part, name), campaign, part, problems)
+        if setup is not None:
+            found[name] = setup
+    return found

@@ -15,11 +15,11 @@ from wil_campaign.campaigns.values.external_setups import (
     SourceKind,
     SourceSetup,
 )
-from wil_campaign.campaigns.values.sensor_setups import OtherSetup, SensorSetup
+from wil_campaign.campaigns.values.sensor_setups import OtherSetup, SensorSetup, SourcedSetup
 from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.foundation.files.paths import exists, is_folder
-from wil_campaign.hooks import sources
-from wil_campaign.installed_plugins import added, load
+from wil_campaign.hooks import image_sources, motion_captures, sources
+from wil_campaign.installed_plugins import absent, added, load
 from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions
 from wil_campaign.vehicles.sources.readings.mavlink_messages import MESSAGES
 
@@ -90,11 +90,13 @@ class SourcePart(Part):
         """Return the setup of an external source; its files are relative to a folder.
 
         latency_s: of the calibration, where none is given here. Raises KeyFaultError for a missing
-        file.
+        file, and for a kind of source whose plugin is not installed.
         """
         kind, address = self._scheme(), self.address
         if kind is None or address.endswith(".sdp"):
             kind, address = _file(folder, address)
+        if kind in (missing := absent(image_sources)):
+            raise KeyFaultError("address", missing[kind])
         return SourceSetup(
             kind=kind,
             address=address,
@@ -181,15 +183,15 @@ class ReadingSourcePart(Part):
         """Return the kind of source that the address names. Raises KeyFaultError."""
         if self.address == "mavlink":
             return "mavlink"
+        of_plugins = {name: one for name, one in added(sources).items() if name not in OWN_SOURCES}
         match = re.fullmatch(r"tcp://[^:/@\s]+:(\d{1,5})", self.address)
         if match is not None and 0 < int(match[1]) < 65536:
-            return "zmq"
+            return _installed_kind("zmq")
         if self.address.endswith(".mcap") and "://" not in self.address:
-            return "mcap"
-        of_plugins = added(sources)
+            return _installed_kind("mcap")
         scheme, is_scheme, _ = self.address.partition("://")
-        if is_scheme and scheme in of_plugins:
-            return scheme
+        if is_scheme and scheme in {*of_plugins, *absent(sources)}:
+            return _installed_kind(scheme)
         fault = "must be mavlink, tcp://HOST:PORT (a ZeroMQ publisher), or an MCAP file (.mcap)"
         fault += "".join(f", or {source.addresses}" for source in of_plugins.values())
         raise KeyFaultError("address", f"'{self.address}' {fault}")
@@ -216,6 +218,13 @@ class ReadingSourcePart(Part):
         )
 
 
+def _installed_kind(kind: str) -> str:
+    """Return a kind of source of readings; raises KeyFaultError where its plugin is absent."""
+    if why := absent(sources).get(kind):
+        raise KeyFaultError("address", why)
+    return kind
+
+
 class CarriedPart(Part):
     """Any sensor. embedded_only: without a source, only the embedded vehicle has its readings.
 
@@ -239,7 +248,7 @@ class SourcedPart(CarriedPart):
 
     source: ReadingSourcePart | None = None
 
-    def setup(self, name: str) -> OtherSetup:
+    def setup(self, name: str) -> SourcedSetup:
         """Return the setup of the sensor, without its source."""
         if not isinstance(self, SensorOptions):
             raise TypeError(f"{type(self).__name__} has no options of a sensor")
@@ -262,7 +271,9 @@ class SourcedPart(CarriedPart):
         kind = self.type
         there, wanted = MESSAGES.get(kind, ()), self.source.message
         if kind != "pose" and not there:
-            fault = f"MAVLink has no message with readings of a {kind}: use tcp:// or an MCAP file"
+            fault = (
+                f"MAVLink has no message with readings of type {kind}: use tcp:// or an MCAP file"
+            )
             raise KeyFaultError(("source", "address"), fault)
         if wanted is not None and wanted not in there:
             known = ", ".join(there) or "none, for it is the vehicle's estimate"
@@ -349,8 +360,13 @@ class MocapPart(Part):
         return self
 
     def setup(self, vehicle: str) -> MocapSetup:
-        """Return the setup of a vehicle's motion capture source."""
+        """Return the setup of a vehicle's motion capture source.
+
+        Raises KeyFaultError where its plugin is not installed.
+        """
         kind, host, port = self._parse_address()
+        if why := absent(motion_captures).get(kind):
+            raise KeyFaultError("address", why)
         return MocapSetup(
             kind=kind,
             host=host,

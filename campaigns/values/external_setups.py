@@ -51,7 +51,8 @@ class SourceSetup:
 
 
 OWN_SOURCES = ("mavlink", "zmq", "mcap")
-"""The kinds of sources of readings that the core has; the other kinds are schemes of plugins."""
+"""The kinds of sources of readings whose addresses have no scheme of their own; others are schemes.
+MAVLink's messages are on the vehicle's link; plugins open all other sources."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,8 +86,8 @@ class ReadingSourceSetup:
     @property
     def shown_as(self) -> ShownAs:
         """Return the external source's name in results."""
-        if self.kind in OWN_SOURCES:
-            return "file" if self.kind == "mcap" else "live"
+        if self.kind == "mavlink":
+            return "live"
         return "file" if added(sources)[self.kind].is_file else "live"
 
 

@@ -38,8 +38,8 @@ class FlightOptions:
         How many runs fly at once, each in its own process; by default one per core, on the wall
         clock one per two cores.
     store
-        A URL that every node reaches, s3://BUCKET/PREFIX, through which results come into --out
-        where no folder is shared. It needs the extra storage.
+        A URL that every node of a cluster reaches, through which results come into --out:
+        file:///FOLDER that all share, or s3://BUCKET/PREFIX, which needs the extra storage.
     arm_real
         Allow arming attached vehicles of the pair, which may be hardware.
     arm_actors

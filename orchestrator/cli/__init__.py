@@ -26,12 +26,6 @@ INTERRUPTED = 130
 
 _COMMANDS = (
     Command(
-        "init",
-        "wil_campaign.orchestrator.cli.commands.init:init",
-        "Write a campaign that is ready to fly, as a starting point.",
-        "start",
-    ),
-    Command(
         "run",
         "wil_campaign.orchestrator.cli.commands.run:run",
         "Fly a campaign and write its verdicts.",
@@ -41,12 +35,6 @@ _COMMANDS = (
         "validate",
         "wil_campaign.orchestrator.cli.commands.validate:validate",
         "Report every fault of the files; nothing flies.",
-        "start",
-    ),
-    Command(
-        "schema",
-        "wil_campaign.orchestrator.cli.commands.schema:schema",
-        "Write JSON Schemas of the files, for editors.",
         "start",
     ),
     Command(
@@ -96,12 +84,6 @@ _COMMANDS = (
         "wil_campaign.orchestrator.cli.commands.watch:watch",
         "Show the runs in flight on this machine until they end.",
         "operate",
-    ),
-    Command(
-        "doctor",
-        "wil_campaign.orchestrator.cli.commands.doctor:doctor",
-        "Check this machine: programs, ports, permissions.",
-        "start",
     ),
     Command(
         "list",

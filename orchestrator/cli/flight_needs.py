@@ -1,12 +1,17 @@
 """What flights need of time and disk, as text: from the last ones of a campaign, else a guess."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from wil_campaign.campaigns.expansion.expansion import Campaign
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
 from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.foundation.files.limited_json import loads_limited
+from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate
+from wil_campaign.worlds.jit import is_cached
+from wil_campaign.worlds.render.shading import write_ids
 
 _GUESSED_S: dict[Clock, float] = {"virtual": 6.0, "wall": 60.0, "scaled": 60.0}
 """Wall time of one flight where nothing was flown yet: of the examples on two cores."""
@@ -81,3 +86,23 @@ def _rounded(value: float) -> int:
     """Return a number with two digits that count."""
     step: int = 10 ** max(0, len(str(int(value))) - 2)
     return max(1, math.ceil(value / step) * step)
+
+
+NOTICE = "compiling kernels, once: about 20 s, more on a busy machine"
+"""Wall time of `python -m tests.kernels` with an empty cache, on a free core."""
+
+
+def compilation_notice(campaign: Campaign) -> str | None:
+    """Return the line about kernels that the first flight compiles; None when all are cached."""
+    return None if all(map(is_cached, _kernels(campaign))) else NOTICE
+
+
+def _kernels(campaign: Campaign) -> Iterator[Callable[..., object]]:
+    """Yield one kernel of each kind that the warm-up of a campaign's flights always loads."""
+    vehicles = [one for setup in campaign.setups.values() for one in setup.vehicles.values()]
+    if any(one.embedded for one in vehicles):
+        yield estimate
+    if any(
+        isinstance(sensor, CameraSetup | DepthSetup) for one in vehicles for sensor in one.sensors
+    ):
+        yield write_ids

@@ -16,16 +16,14 @@ from wil_campaign.installed_plugins import added, load
 from wil_campaign.orchestrator.external.external_cameras import ExternalCamera
 from wil_campaign.orchestrator.external.external_readings import ReadingSources
 from wil_campaign.orchestrator.external.motion_captures import MotionCaptures
-from wil_campaign.orchestrator.external.simulator_check import SimulatorCheck
-from wil_campaign.orchestrator.model.external_results import ExternalResult, SourceResult
+from wil_campaign.orchestrator.external.requested_images import RequestedImages, requested_images
+from wil_campaign.orchestrator.model.external_results import ExternalResult
 from wil_campaign.orchestrator.state.observer import Observer
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.model.oracle_results import Flag
 from wil_campaign.vehicles.readings import Reading, Source
-from wil_campaign.vehicles.sources.simulator.shown_world import asked_world, poses_of_moving
-from wil_campaign.vehicles.sources.simulator.simulator_camera import ZmqImageSource
 
 _WATCH_S = 0.1
 _STALLED_S = 1.0
@@ -61,10 +59,9 @@ class _Stall:
 class ExternalIo:
     """External I/O of one run: sources, and observers of plugins; an async context manager.
 
-    cameras: those with external images; simulators: cameras that another process renders; drawn:
-    the same with the check of their images in flight; all by vehicle and sensor. readings: of all
-    other external sensors. note: records what happens to an input. A run without external I/O is
-    not slowed down.
+    cameras: those with external images; simulators: images that another process renders; all by
+    vehicle and sensor. readings: of all other external sensors. note: records what happens to an
+    input. A run without external I/O is not slowed down.
     """
 
     def __init__(
@@ -81,8 +78,7 @@ class ExternalIo:
         self._missing: dict[Key, _Stall] = {}
         self._on_stall: Callable[[str], None] = lambda _: None
         self.cameras: dict[Key, ExternalCamera] = {}
-        self.simulators: dict[Key, ZmqImageSource] = {}
-        self.drawn: dict[Key, SimulatorCheck] = {}
+        self.simulators: dict[Key, RequestedImages] = {}
         for vehicle in setup.with_sensors:
             for camera in vehicle.cameras:
                 self._add_camera(vehicle.name, camera)
@@ -116,7 +112,7 @@ class ExternalIo:
     def disagreements(self) -> tuple[str, ...]:
         """Return in words where a simulator shows another world than the judged one."""
         return tuple(
-            f"{' '.join(key)} at {simulator.name}: {text}"
+            f"{' '.join(key)} at {text}"
             for key, simulator in self.simulators.items()
             for text in simulator.disagreements
         )
@@ -162,7 +158,7 @@ class ExternalIo:
                     group.create_task(task, name=name)
             if any(one.mocap is not None for one in self._setup.vehicles):
                 group.create_task(self._watch_captures(run_state), name="motion capture watch")
-            if self.drawn:
+            if self.simulators:
                 group.create_task(self._watch_simulators(run_state), name="simulator watch")
 
     def senses(self, on_stall: Callable[[str], None]) -> bool:
@@ -208,10 +204,7 @@ class ExternalIo:
             sources=(
                 *(camera.result for camera in self.cameras.values()),
                 *self.readings.results,
-                *(
-                    _simulated_source_result(*key, one, self.drawn[key])
-                    for key, one in self.simulators.items()
-                ),
+                *(simulator.result for simulator in self.simulators.values()),
             ),
             captures=self.captures.results,
         )
@@ -236,18 +229,18 @@ class ExternalIo:
         def look_back(_: Stage, __: float) -> None:
             if run_state.stage == "goal" or not run_state.reached("goal") or run_state.decisive:
                 return
-            for key, check in self.drawn.items():
+            for key, check in self.simulators.items():
                 if problem := check.look_back():
                     text = f"{' '.join(key)}: {problem}"
                     run_state.decide("INVALID", text, source="simulator", ends_flight=False)
                     return
 
         run_state.on_stage(look_back)
-        for check in self.drawn.values():
+        for check in self.simulators.values():
             check.begin(lambda: run_state.stage == "goal")
         while True:
             await asyncio.sleep(_WATCH_S)
-            for key, check in self.drawn.items():
+            for key, check in self.simulators.items():
                 if check.fault:
                     self._on_stall(f"{' '.join(key)}: {check.fault}")
 
@@ -268,16 +261,14 @@ class ExternalIo:
             self.cameras[key] = ExternalCamera(camera=camera, source=source, side=vehicle)
             return
         scene = self._setup.real_scene if vehicle == "real" else self._setup.virtual_scene
-        self.simulators[key] = ZmqImageSource(
-            address=source.address,
-            timeout_s=source.answer_s,
-            open_timeout_s=source.open_s,
-            world=asked_world(scene, world=self._world_name(), case=self._setup.order.plan.case),
-            events=lambda: dict(self._events),
-            moved=lambda t_s: poses_of_moving(scene, t_s, self._events),
-        )
-        self.drawn[key] = SimulatorCheck(
-            simulator=self.simulators[key], scene=scene, events=self._events
+        self.simulators[key] = requested_images(
+            source,
+            vehicle=vehicle,
+            sensor=camera.name,
+            scene=scene,
+            world=self._world_name(),
+            case=self._setup.order.plan.case,
+            events=self._events,
         )
 
     def _world_name(self) -> str:
@@ -289,22 +280,3 @@ def _observers(setup: RunSetup, events: Mapping[str, float]) -> Iterator[Observe
     for name, given in setup.campaign.observers.items():
         observer: Observer = load(added(run_observers)[name].observe)(setup, given, events)
         yield observer
-
-
-def _simulated_source_result(
-    vehicle: str, sensor: str, simulator: ZmqImageSource, check: SimulatorCheck
-) -> SourceResult:
-    counts = simulator.counts
-    return SourceResult(
-        vehicle=vehicle,
-        sensor=sensor,
-        source="rendered",
-        delivered=counts.answered,
-        dropped=counts.late,
-        missed=counts.timeouts,
-        damaged=counts.garbage + counts.refused,
-        stalls=0,
-        trouble=simulator.trouble,
-        measured=check.coverage.frames,
-        not_measured=check.not_measured,
-    )

@@ -4,20 +4,59 @@ import asyncio
 from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
+from typing import Protocol, Self
 
 from wil_campaign.campaigns.values.external_setups import MocapSetup
+from wil_campaign.hooks import motion_captures
+from wil_campaign.installed_plugins import added, load
 from wil_campaign.orchestrator.model.external_results import CaptureResult
 from wil_campaign.vehicles.readings import PoseReading, Source
 from wil_campaign.vehicles.sources.camera_source import SourceError
-from wil_campaign.vehicles.sources.mocap.capture_inputs import UdpCapture, ZmqCapture
-from wil_campaign.vehicles.sources.mocap.motion_capture import MotionCapture
+from wil_campaign.vehicles.sources.feed_statistics import FeedStatistics
 
 Listener = Callable[[PoseReading], None]
-Input = UdpCapture | ZmqCapture
 
 _FIRST_S = 5.0
 """How long to wait for the first pose of a body: every system sends many per second."""
 _POLL_S = 0.05
+
+
+class CaptureMessages(Protocol):
+    """The messages of a motion capture (protocol). garbage: how many could not be read.
+
+    complaint: why the last of those could not.
+    """
+
+    garbage: int
+    complaint: str
+
+    def statistics(self, name: str) -> FeedStatistics:
+        """Return the statistics of a body's feed."""
+
+
+class CaptureInput(Protocol):
+    """A motion capture's input, as a plugin gives it to a run (protocol).
+
+    An async context manager.
+    """
+
+    @property
+    def capture(self) -> CaptureMessages:
+        """Return what is known of the messages."""
+
+    @property
+    def others(self) -> Mapping[str, str]:
+        """Return messages about senders whose poses are not taken, by their address."""
+
+    @property
+    def rivals(self) -> str:
+        """Return in words which other senders there are, where none was named; "" without any."""
+
+    async def __aenter__(self) -> Self:
+        """Open the input. Raises SourceError."""
+
+    async def __aexit__(self, *_: object) -> None:
+        """Close the input; nothing is delivered afterwards."""
 
 
 @dataclass(slots=True)
@@ -25,7 +64,7 @@ class _Feed:
     """The motion capture feed of one vehicle, with its listeners."""
 
     setup: MocapSetup
-    capture: MotionCapture
+    capture: CaptureMessages
     listeners: list[Listener] = field(default_factory=list)
     last_s: float | None = None
 
@@ -35,7 +74,7 @@ class MotionCaptures:
 
     def __init__(self, setups: Mapping[Source, MocapSetup]) -> None:
         self._feeds: dict[Source, _Feed] = {}
-        self._inputs: list[Input] = []
+        self._inputs: list[CaptureInput] = []
         groups: dict[tuple[object, ...], dict[Source, MocapSetup]] = {}
         for vehicle, setup in setups.items():
             more = (setup.topic, setup.latency_s, setup.sender)
@@ -69,8 +108,7 @@ class MotionCaptures:
     @property
     def others(self) -> tuple[str, ...]:
         """Return messages about senders whose poses are not taken."""
-        udp = [one for one in self._inputs if isinstance(one, UdpCapture)]
-        return tuple(text for one in udp for text in one.others.values())
+        return tuple(text for one in self._inputs for text in one.others.values())
 
     def refuse_rivals(self) -> None:
         """Refuse two senders of poses to one port, of which the campaign names neither.
@@ -78,7 +116,7 @@ class MotionCaptures:
         Which of them is the system is not known. Raises SourceError.
         """
         for one in self._inputs:
-            if isinstance(one, UdpCapture) and one.rivals:
+            if one.rivals:
                 raise SourceError(
                     f"{one.rivals}: which of them is your system is not known; end the other, or "
                     "name its address by mocap.sender"
@@ -110,30 +148,11 @@ class MotionCaptures:
         )
 
     def _add_input(self, group: Mapping[Source, MocapSetup]) -> None:
-        setup = next(iter(group.values()))
-        capture = MotionCapture(
-            bodies={one.body: vehicle for vehicle, one in group.items()},
-            latency_s=setup.latency_s,
-        )
+        kind = next(iter(group.values())).kind
+        made: CaptureInput = load(added(motion_captures)[kind].open)(group, self._deliver)
         for vehicle, one in group.items():
-            self._feeds[vehicle] = _Feed(one, capture)
-        self._inputs.append(self._make_input(setup, capture))
-
-    def _make_input(self, setup: MocapSetup, capture: MotionCapture) -> Input:
-        if setup.kind == "udp":
-            return UdpCapture(
-                host=setup.host,
-                port=setup.port,
-                capture=capture,
-                deliver=self._deliver,
-                sender=setup.sender,
-            )
-        return ZmqCapture(
-            address=setup.address,
-            capture=capture,
-            deliver=self._deliver,
-            topic=setup.topic.encode(),
-        )
+            self._feeds[vehicle] = _Feed(one, made.capture)
+        self._inputs.append(made)
 
     def _deliver(self, reading: PoseReading) -> None:
         feed = self._feeds[reading.source]

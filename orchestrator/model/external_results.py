@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from wil_campaign.campaigns.values.external_setups import ShownAs
-from wil_campaign.vehicles.sources.mocap.feed_statistics import FeedStatistics
+from wil_campaign.vehicles.sources.feed_statistics import FeedStatistics
 
 
 @dataclass(frozen=True, slots=True)

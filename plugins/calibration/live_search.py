@@ -10,7 +10,7 @@ from wil_campaign.plugins.calibration.board_search import STEP_S, BoardSearch, B
 from wil_campaign.plugins.calibration.boards import Board
 from wil_campaign.plugins.calibration.body_paths import TimedPose, body_path
 from wil_campaign.plugins.calibration.mounting import BodyPath
-from wil_campaign.vehicles.sources.cameras.camera_factory import live_camera
+from wil_campaign.plugins.cameras.camera_factory import live_camera
 from wil_campaign.worlds.camera import Intrinsics
 
 

@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
@@ -32,10 +34,32 @@ def cluster_engine(
     is_open = address is not None and options.jobs is None and not shared_of(campaign)
     count = None if is_open else min(cleared.jobs, runs)
     cores = 1 if cleared.clock == "virtual" else 2
-    with ray_engine(
-        address, jobs=count, cores=cores, keeps_agents=again, store=store, say=err
-    ) as engine:
+    with (
+        results_store(store, address) as through,
+        ray_engine(
+            address, jobs=count, cores=cores, store=through, keeps_agents=again, say=err
+        ) as engine,
+    ):
         yield replace(cleared, engine=engine, jobs=engine.places)
+
+
+@contextmanager
+def results_store(store: Store | None, address: str | None) -> Iterator[Store]:
+    """Yield the store for results; without --store a temporary one of this machine.
+
+    address: of the cluster; None for a Ray of this machine alone. Raises EngineError.
+    """
+    if store is not None:
+        yield store
+    elif address is None:
+        with TemporaryDirectory(prefix="wil-store-") as folder:
+            yield store_of_results(Path(folder).as_uri())
+    else:
+        raise EngineError(
+            f"--engine ray://{address}: the results of its nodes come through a store: add --store "
+            "file:///FOLDER for a folder that all nodes share, else --store s3://BUCKET/PREFIX",
+            2,
+        )
 
 
 def store_of_results(url: str) -> Store:

@@ -33,17 +33,17 @@ class NodeFacts(Message, frozen=True):
 
 
 class CampaignBrought(Message, frozen=True):
-    """A campaign for a node. folder: of its results, absolute, and the same on every node.
+    """A campaign for a node. folder: of its results on the campaign's machine, absolute.
 
     session: which start of the campaign this is, as the ledger in that folder says. store: the URL
-    to which results go instead, where the folder is not shared; place: the campaign's in it.
+    to which results go; place: the campaign's in it.
     """
 
     folder: Path
     session: str
     files: TravellingFiles
-    store: str = ""
-    place: str = ""
+    store: str
+    place: str
 
 
 class CampaignAnswer(Message, frozen=True):
@@ -53,14 +53,14 @@ class CampaignAnswer(Message, frozen=True):
 
 
 class RunOrdered(Message, frozen=True):
-    """A run to be flown on the node. place: its own in the store, where there is one.
+    """A run to be flown on the node. place: its own in the store.
 
     sources: the YAML texts of the order's documents, while the message is bytes: each value of a
     document knows its text, which is sent once.
     """
 
     order: RunOrder
-    place: str = ""
+    place: str
     sources: tuple[Source, ...] = ()
 
 
@@ -102,8 +102,8 @@ class RunEnded(Message, frozen=True):
     """A run on the node has ended: with a result, or lost without one.
 
     sha256: of its result.json; "" where it wrote none. end_text: what was wrong with the end of its
-    process. kept: where the node has its files until it receives RunTaken; "" where the folder is
-    shared.
+    process. kept: where the node has its files until it receives RunTaken; "" where it has
+    none.
     """
 
     result: RunResult | None = None

@@ -50,7 +50,7 @@ from wil_campaign.plugins.cluster.node_messages import (
     encode_to_campaign,
     news_message,
 )
-from wil_campaign.plugins.cluster.node_results import NodeResults, node_results
+from wil_campaign.plugins.cluster.node_results import StoredResults, node_results
 from wil_campaign.plugins.cluster.threads import in_thread
 from wil_campaign.plugins.cluster.travelling_files import (
     DamagedFileError,
@@ -79,7 +79,7 @@ class NodeRuns:
         self._reports = reports
         self._home = home
         self._workers = LocalWorkers[RunOrder, RunResult](fly_order, completed_run, flies_processes)
-        self._results: NodeResults | None = None
+        self._results: StoredResults | None = None
         self._sending: asyncio.Future[None] | None = None
 
     async def serve(self) -> None:
@@ -153,7 +153,7 @@ class NodeRuns:
         return replace(ended, end_text=end_text)
 
     async def _hand_over(
-        self, results: NodeResults, ordered: RunOrdered, outcome: RunResult | WorkerLost
+        self, results: StoredResults, ordered: RunOrdered, outcome: RunResult | WorkerLost
     ) -> RunEnded:
         """Hand a run's files over, and report meanwhile how many are sent."""
         sent = 0

@@ -1,7 +1,7 @@
-"""Where a node leaves the results of runs: in a folder that it shares, or in a store.
+"""Where a node leaves the results of runs: in a store.
 
-With a store a run is flown into a folder of this machine, which is kept until the campaign's
-machine has its files. Files that cannot be sent are kept for good; the run's result says where.
+A run is flown into a folder of this machine, which is kept until the campaign's machine has its
+files. Files that cannot be sent are kept for good; the run's result says where.
 """
 
 import platform
@@ -10,12 +10,9 @@ import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
 
-from wil_campaign.orchestrator.campaign.resuming.run_ledger import newest_session
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
 from wil_campaign.orchestrator.model.results import RunResult
-from wil_campaign.orchestrator.model.results_reader import ResultError, read_result
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.plugins.cluster.node_messages import (
     CampaignBrought,
@@ -36,80 +33,11 @@ GIVEN_UP = "the campaign's machine has given up the run"
 RESUMED = "the campaign was resumed by another start meanwhile"
 
 
-class NodeResults(Protocol):
-    """Where a node leaves the results of one campaign's runs (protocol).
+class StoredResults:
+    """A store at a URL, and folders of this machine until it has their files.
 
     Blocking methods are called in a thread. They raise nothing: problems are returned.
     """
-
-    def problem(self) -> str:
-        """Return why results would not reach the campaign's machine; "" where they do."""
-
-    def begin(self, ordered: RunOrdered) -> RunOrder | RunEnded:
-        """Return the order as it is flown here, or its end where it may not be flown."""
-
-    def end(
-        self, ordered: RunOrdered, outcome: RunResult | WorkerLost, sent: Callable[[int], None]
-    ) -> RunEnded:
-        """Hand over a run's files. sent: called after each file with how many are sent."""
-
-    def taken(self, message: RunTaken) -> None:
-        """Handle the message that the campaign's machine is done with a run's files."""
-
-    def close(self) -> None:
-        """Remove files that the campaign's machine has, or can get."""
-
-
-class SharedFolder:
-    """The campaign's own folder, which this node sees under the same path."""
-
-    def __init__(self, campaign: CampaignBrought) -> None:
-        self._folder = campaign.folder
-        self._session = campaign.session
-
-    def problem(self) -> str:
-        """Return why the folder is not the campaign's; "" where it is."""
-        try:
-            if newest_session(self._folder) == self._session:
-                return ""
-        except OSError as error:
-            return f"{self._folder} cannot be read: {error}"
-        return (
-            f"it does not see the results folder {self._folder}: share the folder of --out with "
-            "every node, under the same path, or give a store that all reach by --store"
-        )
-
-    def begin(self, ordered: RunOrdered) -> RunOrder | RunEnded:
-        """Return the order, unless it was flown already."""
-        order = ordered.order
-        try:
-            if newest_session(self._folder) != self._session:
-                return RunEnded.of(WorkerLost(RESUMED))
-            if not order.folder.is_dir() or not any(order.folder.iterdir()):
-                return order
-            result = read_result(order.folder / RESULT_FILE)
-        except (ResultError, OSError) as error:
-            return RunEnded.of(WorkerLost(f"its folder exists already, without a result: {error}"))
-        return RunEnded.of(result, _digest(order.folder))
-
-    def end(
-        self,
-        ordered: RunOrdered,
-        outcome: RunResult | WorkerLost,
-        sent: Callable[[int], None],  # noqa: ARG002  # all is there
-    ) -> RunEnded:
-        """Return how a run has ended, with the digest of its result."""
-        return RunEnded.of(outcome, _digest(ordered.order.folder))
-
-    def taken(self, message: RunTaken) -> None:
-        """Do nothing: the files are where they belong."""
-
-    def close(self) -> None:
-        """Do nothing: the folder is the campaign's."""
-
-
-class StoredResults:
-    """A store at a URL, and folders of this machine until it has their files."""
 
     def __init__(self, campaign: CampaignBrought, store: Store) -> None:
         self._campaign = campaign
@@ -180,10 +108,8 @@ class StoredResults:
         self._folders.clear()
 
 
-def node_results(campaign: CampaignBrought) -> NodeResults | str:
+def node_results(campaign: CampaignBrought) -> StoredResults | str:
     """Return where the results of a campaign go, or in words why this node has no access."""
-    if not campaign.store:
-        return SharedFolder(campaign)
     try:
         return StoredResults(campaign, open_store(campaign.store))
     except StoreRefusedError as error:

@@ -34,7 +34,7 @@ def engines() -> tuple[Engine, ...]:
             store="wil_campaign.plugins.cluster.cluster_engine:store_of_results",
             fetch="wil_campaign.plugins.cluster.unfetched_runs:fetch_stored_runs",
             help="ray, by a Ray started here for the campaign; ray://HOST:PORT, over the nodes of "
-            "a Ray cluster that this machine is one of.\nIt needs the extra cluster, and a folder "
-            "--out that every node sees under the same path, or --store.",
+            "a Ray cluster that this machine is one of.\nIt needs the extra cluster, and "
+            "ray:// a --store: file:///FOLDER that its nodes share, or s3://BUCKET/PREFIX.",
         ),
     )

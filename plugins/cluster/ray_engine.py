@@ -47,8 +47,6 @@ from wil_campaign.plugins.cluster.ray_agents import (
 from wil_campaign.plugins.cluster.ray_worker import RayWorker
 from wil_campaign.plugins.cluster.returned_results import (
     FetchedResults,
-    ReturnedResults,
-    SharedResults,
 )
 from wil_campaign.plugins.cluster.store import Store, StoreError
 from wil_campaign.plugins.cluster.stored_runs import read_session, write_session
@@ -70,17 +68,17 @@ class RayEngine:
     """Flies runs by agents on nodes. idle: agents that are up and checked, without a run.
 
     bench: the bench that has the one agent; "" where any node flies. keeps_agents: the same agents
-    fly further campaigns. store: for results; None for a folder that all nodes share. places: how
-    many runs are to fly at once, also while the cluster has fewer places. reported: the sentences
-    about nodes that the user has seen. flown: the nodes that have had a run.
+    fly further campaigns. store: for results. places: how many runs are to fly at once, also while
+    the cluster has fewer places. reported: the sentences about nodes that the user has seen. flown:
+    the nodes that have had a run.
     """
 
     ray: Any
     cores: int
+    store: Store
     bench: str = ""
     idle: list[HiredAgent] = field(default_factory=list)
     keeps_agents: bool = False
-    store: Store | None = None
     places: int = 1
     reported: set[str] = field(default_factory=set)
     flown: set[str] = field(default_factory=set)
@@ -103,22 +101,17 @@ class RayEngine:
             raise EngineError(f"the campaign cannot be sent to the nodes: {error}") from error
         except StoreError as error:
             raise EngineError(f"the store of results is not usable: {error}") from error
-        brought = CampaignBrought(home, session, files)
-        results: ReturnedResults = SharedResults()
-        if self.store is not None and place is not None:
-            brought = CampaignBrought(home, session, files, place.store, place.place)
-            results = FetchedResults(self.store, home, place.place)
+        brought = CampaignBrought(home, session, files, place.store, place.place)
+        results = FetchedResults(self.store, home, place.place)
         nodes = ", ".join(sorted({one.node for one in self.idle}))
         say(f"{len(self.idle)} workers on {nodes}, {len(files.files)} files to copy")
         return RayWorkers(engine=self, brought=brought, ledger=ledger, results=results, say=say)
 
-    def _place(self, campaign: Campaign, folder: Path, session: str) -> CampaignPlace | None:
+    def _place(self, campaign: Campaign, folder: Path, session: str) -> CampaignPlace:
         """Return the campaign's place in the store, after writing this start's session there.
 
         Raises StoreError, OSError.
         """
-        if self.store is None:
-            return None
         first = first_session(folder) or session
         place = CampaignPlace(self.store.url, f"{campaign.name}/{folder.name}-{first[:12]}")
         write_session(self.store, place.place, session)
@@ -136,7 +129,7 @@ class RayWorkers:
         engine: RayEngine,
         brought: CampaignBrought,
         ledger: RunLedger,
-        results: ReturnedResults,
+        results: FetchedResults,
         say: Callable[[str], None],
     ) -> None:
         self._engine = engine
@@ -321,8 +314,8 @@ def ray_engine(
     *,
     jobs: int | None,
     cores: int,
+    store: Store,
     keeps_agents: bool = False,
-    store: Store | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> Iterator[RayEngine]:
     """Start a local Ray for `jobs` runs, or join the one at an address.
@@ -337,9 +330,7 @@ def ray_engine(
         if shortage := shortage_text(ray.nodes(), count, cores):
             say(f"{shortage}; the others fly as soon as there is place for them")
         agents = hire_agents(ray, min(count, max(1, there)), cores=cores, say=say)
-        yield RayEngine(
-            ray, cores, idle=agents, keeps_agents=keeps_agents, store=store, places=count
-        )
+        yield RayEngine(ray, cores, store, idle=agents, keeps_agents=keeps_agents, places=count)
 
 
 @contextmanager

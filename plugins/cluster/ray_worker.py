@@ -23,7 +23,7 @@ from wil_campaign.plugins.cluster.node_messages import (
     encode_to_node,
 )
 from wil_campaign.plugins.cluster.ray_agents import HiredAgent
-from wil_campaign.plugins.cluster.returned_results import LANDED_S, ReturnedResults
+from wil_campaign.plugins.cluster.returned_results import LANDED_S, FetchedResults
 from wil_campaign.plugins.cluster.threads import in_thread
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
@@ -38,7 +38,7 @@ class RayWorker:
         *,
         agent: HiredAgent,
         ledger: RunLedger,
-        results: ReturnedResults,
+        results: FetchedResults,
         give_back: Callable[[HiredAgent], None],
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
@@ -140,6 +140,5 @@ class RayWorker:
             self._ledger.write("ended", name, self._agent.node, outcome.verdict)
         else:
             self._ledger.write("lost", name, self._agent.node, outcome.reason)
-        if self._place:
-            await self._agent.send(RunTaken(self._place, isinstance(outcome, RunResult)))
+        await self._agent.send(RunTaken(self._place, isinstance(outcome, RunResult)))
         return outcome

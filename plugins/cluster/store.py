@@ -139,8 +139,8 @@ def open_store(url: str, limits: StoreLimits | None = None) -> Store:
 
 def _missing_extra_text(url: str, what: str) -> str:
     return (
-        f"--store {url} needs the extra storage on this machine and on every node: pip install "
-        f"'wil-campaign[storage]' ({what})"
+        f"--store {url} needs an extra on this machine and on every node: pip install "
+        f"'wil-campaign[cluster,storage]' ({what})"
     )
 
 

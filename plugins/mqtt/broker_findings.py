@@ -5,7 +5,7 @@ import socket
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 
-from wil_campaign.orchestrator.doctor.findings import CAMPAIGNS, Finding
+from wil_campaign.plugins.doctor.findings import CAMPAIGNS, Finding
 from wil_campaign.plugins.mqtt.mqtt_setup import MqttSetup
 
 _OPEN_S = 5.0

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from wil_campaign.foundation.files.images import ImageError, read_image
 from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
 from wil_campaign.foundation.files.paths import is_file, is_folder
+from wil_campaign.plugins.cameras.frame_stamps import check_image
+from wil_campaign.plugins.cameras.image_files import VideoFile
+from wil_campaign.plugins.cameras.recorded_camera import ImageFile, RecordedImage
 from wil_campaign.plugins.offline.errors import OfflineError
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, DepthImage, Source
 from wil_campaign.vehicles.sources.camera_source import IMAGE_SUFFIXES, SourceError
-from wil_campaign.vehicles.sources.cameras.frame_stamps import check_image
-from wil_campaign.vehicles.sources.cameras.image_files import VideoFile
-from wil_campaign.vehicles.sources.cameras.recorded_camera import ImageFile, RecordedImage
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer

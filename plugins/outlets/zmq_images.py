@@ -4,16 +4,16 @@ import zmq
 
 from wil_campaign.plugins.outlets.image_delivery import DeliveryError
 from wil_campaign.plugins.outlets.threaded_delivery import ThreadedDelivery
-from wil_campaign.vehicles.readings import CameraReading, Reading
-from wil_campaign.vehicles.sources.messagepack import pack
-from wil_campaign.vehicles.sources.readings.written_reading import written_reading
-from wil_campaign.vehicles.sources.simulator.image_parts import (
+from wil_campaign.plugins.readings.messagepack import pack
+from wil_campaign.plugins.readings.written_reading import written_reading
+from wil_campaign.plugins.simulator.image_parts import (
     Buffer,
     encode_depth,
     encode_ids,
     encode_image,
 )
-from wil_campaign.vehicles.sources.simulator.simulator_protocol import PROTOCOL
+from wil_campaign.plugins.simulator.simulator_protocol import PROTOCOL
+from wil_campaign.vehicles.readings import CameraReading, Reading
 
 
 def published_parts(

@@ -52,7 +52,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--wil-store",
         default="",
         metavar="URL",
-        help="store for the results of a cluster without a shared folder: s3://BUCKET/PREFIX",
+        help="store for the results of a cluster: file:///FOLDER that its nodes share, or s3://BUCKET/PREFIX",
     )
     group.addoption(
         "--wil-bench-file",

@@ -14,12 +14,12 @@ from wil_campaign.orchestrator.cli.arming_consent import (
 )
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import table
-from wil_campaign.orchestrator.cli.vehicle_check import (
+from wil_campaign.orchestrator.model.document_writer import to_json
+from wil_campaign.plugins.doctor.vehicle_check import (
     exit_code_of,
     identity_document,
     vehicle_address,
 )
-from wil_campaign.orchestrator.model.document_writer import to_json
 from wil_campaign.plugins.step_response.comparison import FIRMWARES, LIMIT
 from wil_campaign.plugins.step_response.step_responses import (
     Flown,

@@ -17,6 +17,8 @@ from wil_campaign.foundation.files.documents import (
     check,
     closest,
 )
+from wil_campaign.hooks import recipe_steps
+from wil_campaign.installed_plugins import absent
 from wil_campaign.recipes.model.recipe import Budget, Combination, Recipe, Sensor, Step
 from wil_campaign.recipes.model.registry import (
     STAGES,
@@ -335,6 +337,9 @@ class _Reader:
     def _kind(self, at: Path, name: str, stage: Stage) -> StepType | None:
         """Return the step type of a name in the recipe document; an unknown name is noted."""
         kind = find(name, stage)
+        if kind is None and (why := absent(recipe_steps).get(name)):
+            self.note(at, why, key=True)
+            return None
         if kind is None:
             meant = resembling(name, stage)
             known = ", ".join(one.name for one in steps() if one.stage == stage)

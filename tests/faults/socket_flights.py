@@ -365,7 +365,7 @@ async def _vehicle(
 async def _simulator(world: Path) -> AsyncIterator[str]:
     """Run the reference simulator; gives its address."""
     process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "wil_campaign.vehicles.sources.reference_simulator"),
+        *(sys.executable, "-m", "wil_campaign.plugins.simulator.reference_simulator"),
         *("--world", str(world), "--bind", "tcp://127.0.0.1:*"),
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},

@@ -14,7 +14,7 @@ from tests.faults.missions import Cause
 from tests.faults.signals import SignalFault
 from tests.faults.wire_changes import OTHERS
 from wil_campaign.orchestrator.state.run_state import Stage
-from wil_campaign.worlds.scene.mesh_files.mesh_reader import Z_UP, load_mesh_shape
+from wil_campaign.plugins.meshes.mesh_reader import Z_UP, load_mesh_shape
 
 
 def fault_of(signal: str, kind: str, cause: Cause, stage: Stage = "goal") -> SignalFault:

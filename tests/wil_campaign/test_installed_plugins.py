@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from tests.orchestrator.hover import write_hover
+from tests.orchestrator.hover import WORLD, write_hover
 from tests.orchestrator.reading.flown_campaign import flights, write_flown
 from tests.test_house import ROOT
 from wil_campaign import hooks, installed_plugins
@@ -32,12 +32,16 @@ HOOKS = {
     "commands",
     "drivers",
     "engines",
+    "image_sources",
     "live_views",
+    "mesh_formats",
+    "motion_captures",
     "operator_channels",
     "oracles",
     "problem_formats",
     "recipe_formats",
     "recipe_steps",
+    "recording_formats",
     "report_sections",
     "run_observers",
     "run_options",
@@ -49,6 +53,7 @@ HOOKS = {
     "vehicle_checks",
 }
 CORE = ("orchestrator", "vehicles", "recipes", "campaigns", "safety", "worlds", "wil_campaign")
+OF_MESH = "objects: {{shelf: {{shape: {{mesh: {{file: {}}}}}, pose: {{north_m: 4, east_m: 2}}}}}}\n"
 SONAR = '''
 from wil_campaign.hooks import Command, implements
 
@@ -717,7 +722,7 @@ def test_the_plugin_of_the_page_flies(
         "max_m_s: 3": ("max_km_h: 3", "unknown key 'max_km_h'"),
         "calm: ": ("clam: ", "unknown oracle 'clam'; did you mean 'calm'?"),
         "rangefinder": ("gps", "an echo is no gps"),
-        "echo:": ("eco:", "publisher), or an MCAP file (.mcap), or echo://METRES"),
+        "echo:": ("eco:", "), or echo://METRES"),
     }
     try:
         for good, (bad, said) in wrong.items():
@@ -772,6 +777,47 @@ for folder in Path({out!r}).glob("*/*"):
 """
 
 
+def addresses_of_images(folder: Path) -> list[str]:
+    """Return an address of each kind of sources of images that a shipped plugin has."""
+    kinds = {
+        "rtsp": "rtsp://h/a",
+        "rtp": "rtp://127.0.0.1:5004",
+        "v4l2": "/dev/video9",
+        "simulator": "tcp://127.0.0.1:5555",
+        "images": str(folder),
+        "video": str(folder / "a.mp4"),
+        "mcap": str(folder / "a.mcap"),
+    }
+    for kind in ("video", "mcap"):
+        Path(kinds[kind]).touch()
+    return [kinds[kind] for kind in shipped("image_sources")]
+
+
+def write_recipe_of_steps(folder: Path) -> Path:
+    """Write a recipe of all steps that shipped plugins have, and return its path."""
+    path = folder / "recipe.yaml"
+    names = ", ".join(shipped("recipe_steps"))
+    path.write_text(
+        "schema: wil/recipe/1\nsensors: {camera: {type: camera, rate_hz: 9}}\n"
+        f"combine: [{{sensor: camera, transform: [{names}], merge: overlay, publish: [real]}}]\n"
+    )
+    return path
+
+
+def write_with_mesh(folder: Path, suffix: str) -> Path:
+    """Write a campaign in whose world a mesh stands, and return its path."""
+    file = write_hover(folder).rename(folder / f"mesh{suffix}.yaml")
+    world = folder / f"world{suffix}.yaml"
+    world.write_text(WORLD + OF_MESH.format(f"a{suffix}"))
+    file.write_text(file.read_text().replace("world.yaml", world.name))
+    return file
+
+
+def shipped(hook: str) -> list[str]:
+    """Return the names that shipped plugins add by a hook."""
+    return [name for adds in SHIPPED.values() for name in adds.get(hook, ())]
+
+
 def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path) -> None:
     """The proof of the CI that the core needs no plugin.
 
@@ -781,42 +827,57 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     (tmp_path / "wil_campaign" / "__init__.py").write_text(WITHOUT.format(home=ROOT))
     gate = str(ROOT / "campaigns" / "gate.yaml")
     one = ["--case", "small", "--mode", "sim", "--repetitions", "1", "--out", str(tmp_path / "out")]
-    views = [view for adds in SHIPPED.values() for view in adds.get("live_views", ())]
-    commands = [names for adds in SHIPPED.values() for names in adds.get("commands", ())]
+    views = shipped("live_views")
+    commands = shipped("commands")
     words = [["validate", gate], ["run", gate, *one], ["list", "plugins"]]
     words += map(str.split, commands)
     words += [["run", gate, *one, f"--{view}", ":0"] for view in views]
-    keys = {"search": "campaigns/search-gate.yaml"}
-    assert set(keys) == {key for adds in SHIPPED.values() for key in adds.get("campaign_keys", ())}
-    words += [["validate", str(ROOT / file)] for file in keys.values()]
-    formats = [end for adds in SHIPPED.values() for end in adds.get("recipe_formats", ())]
+    keys = shipped("campaign_keys")
+    words.append(["validate", str(ROOT / "campaigns" / "search-gate.yaml")])
+    words += [["run", gate, *one, "--set", f"{name}={{}}"] for name in keys if name != "search"]
+    formats = shipped("recipe_formats")
     words += [["validate", f"recipe{end}"] for end in formats]
-    engines = [name for adds in SHIPPED.values() for name in adds.get("engines", ())]
+    engines = shipped("engines")
     words += [["run", gate, *one, "--engine", f"{name}://127.0.0.1:6379"] for name in engines]
-    drivers = [name for adds in SHIPPED.values() for name in adds.get("drivers", ())]
+    drivers = shipped("drivers")
     for name in drivers:
         file = write_hover(tmp_path).rename(tmp_path / f"{name}.yaml")
         file.write_text(file.read_text().replace("px4", f"px4, driver: {name}", 1))
         words.append(["validate", str(file)])
-    checks = [name for adds in SHIPPED.values() for name in adds.get("vehicle_checks", ())]
-    words += [["doctor", f"--{check}"] for check in checks]
-    channels = [name for adds in SHIPPED.values() for name in adds.get("operator_channels", ())]
-    for name in channels:
+    for name in shipped("operator_channels"):
         words.append(["run", gate, *one, "--set", f"operator.{name}.broker=embedded"])
-    options = [name for adds in SHIPPED.values() for name in adds.get("run_options", ())]
-    words += [["run", gate, *one, f"--{name}", "embedded"] for name in options]
-    kinds = [name for adds in SHIPPED.values() for name in adds.get("autonomy_kinds", ())]
-    words += [["run", gate, *one, "--set", f"autonomy={{{name}: [a]}}"] for name in kinds]
-    observers = [name for adds in SHIPPED.values() for name in adds.get("run_observers", ())]
-    words += [["run", gate, *one, "--set", f"{name}={{}}"] for name in observers]
-    oracles = [name for adds in SHIPPED.values() for name in adds.get("oracles", ())]
-    words += [["run", gate, *one, "--set", f"oracles.own={{{name}: a}}"] for name in oracles]
-    files = [name for adds in SHIPPED.values() for name in adds.get("problem_formats", ())]
-    starts = [name for adds in SHIPPED.values() for name in adds.get("starter_options", ())]
+    words += [["run", gate, *one, f"--{name}", "embedded"] for name in shipped("run_options")]
     words += [
-        *(["validate", gate, f"--{name}", str(tmp_path / name)] for name in files),
-        *(["init", "first", f"--{name}"] for name in starts),
+        ["run", gate, *one, "--set", f"autonomy={{{name}: [a]}}"]
+        for name in shipped("autonomy_kinds")
     ]
+    words += [["run", gate, *one, "--set", f"{name}={{}}"] for name in shipped("run_observers")]
+    words += [
+        ["run", gate, *one, "--set", f"oracles.own={{{name}: a}}"] for name in shipped("oracles")
+    ]
+    words += [
+        ["run", gate, *one, "--set", f"vehicles.real.sensors.camera.source={address}"]
+        for address in addresses_of_images(tmp_path)
+    ]
+    mocap = ("udp://127.0.0.1:5570", "tcp://h:5570")
+    words += [["run", gate, *one, "--set", f"vehicles.real.mocap={name}"] for name in mocap]
+    gps = "vehicles.real.sensors.gps={type: gps, source: '%s'}"
+    words += [
+        ["run", gate, *one, "--set", gps % name]
+        for name in ("tcp://h:5555", "a.mcap", "rtp://h:1", "realsense://1")
+    ]
+    words += [["validate", str(write_with_mesh(tmp_path, end))] for end in shipped("mesh_formats")]
+    words += [
+        *(
+            ["validate", gate, f"--{name}", str(tmp_path / name)]
+            for name in shipped("problem_formats")
+        ),
+        *(
+            ["run", gate, *one, "--set", f"record.also=[{name}]"]
+            for name in shipped("recording_formats")
+        ),
+    ]
+    words.append(["validate", str(write_recipe_of_steps(tmp_path))])
     done = subprocess.run(  # noqa: S603 - our own interpreter
         [sys.executable, "-P", "-c", ABSENT.format(words=words, out=str(tmp_path / "out"))],
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
@@ -828,8 +889,14 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     assert codes[:3] == [0, 5, 0], done.stdout + done.stderr  # 5: it flew nothing required
     assert re.search(r"small +sim +1/1 ", done.stdout)
     named = [*(name.split()[0] for name in commands), *views, *keys, *formats, *engines, *drivers]
-    named += [*checks, *channels, *options, *kinds, *observers, *oracles, *files, *starts]
-    assert codes[3:] == [2] * len(named)
+    hooks_of_rest = (
+        *("operator_channels", "run_options", "autonomy_kinds", "run_observers", "oracles"),
+        *("image_sources", "sources", "mesh_formats", "recipe_steps", "problem_formats"),
+        "recording_formats",
+        "motion_captures",
+    )
+    named += [name for hook in hooks_of_rest for name in shipped(hook)]
+    assert codes[3:] == [2] * (len(words) - 3)
     for name in named:
         assert f"'{name}' is of the plugin " in done.stderr
     assert "which is not installed: pip install " in done.stderr

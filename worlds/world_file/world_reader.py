@@ -11,7 +11,7 @@ from wil_campaign.foundation.files.paths import exists, is_folder
 from wil_campaign.worlds.frames import Pose, matrix_from_quat
 from wil_campaign.worlds.scene import shapes
 from wil_campaign.worlds.scene.colors import NAMED, Rgb, parse_color
-from wil_campaign.worlds.scene.mesh_files.mesh_reader import Axes, MeshFileError, load_mesh_shape
+from wil_campaign.worlds.scene.mesh_formats import Axes, MeshFileError, load_mesh_shape
 from wil_campaign.worlds.scene.mesh_openings import (
     OpeningError,
     outline_opening,

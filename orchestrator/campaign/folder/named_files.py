@@ -8,7 +8,7 @@ from pathlib import Path
 from wil_campaign.foundation.files.documents import Data
 from wil_campaign.foundation.files.paths import exists, is_file, is_folder
 from wil_campaign.vehicles.sources.camera_source import IMAGE_SUFFIXES
-from wil_campaign.worlds.scene.mesh_files.named_by_mesh import files_named_by_mesh
+from wil_campaign.worlds.scene.mesh_formats import files_named_by_mesh
 
 _PX4_PROGRAM = Path("bin") / "px4"
 """The program in a folder in which PX4 was built."""

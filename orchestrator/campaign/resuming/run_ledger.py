@@ -1,7 +1,6 @@
 """The ledger of a campaign on a cluster: its starts, and the outcome of each run.
 
-It is `ledger.jsonl` in the campaign's folder. A node reads it before each flight: only runs of the
-newest start are flown, whatever orders of an earlier start the cluster still delivers.
+It is `ledger.jsonl` in the campaign's folder.
 """
 
 import json
@@ -21,7 +20,7 @@ LedgerEvent = Literal["ordered", "ended", "lost", "found"]
 class OpenOrder:
     """A run that was ordered and has no outcome in the ledger. node: to which it was sent.
 
-    place: the run's in the store of its start; "" where the node writes into the run's folder.
+    place: the run's in the store of its start.
     """
 
     session: str
@@ -60,11 +59,6 @@ def close_order(folder: Path, order: OpenOrder, event: LedgerEvent, text: str) -
     """Append the outcome of a run whose program was killed before that. Raises OSError."""
     where = {"session": order.session, "event": event, "run": order.run, "node": order.node}
     _append(folder, {**where, "text": text})
-
-
-def newest_session(folder: Path) -> str:
-    """Return the newest start in a campaign's ledger; "" without a ledger. Raises OSError."""
-    return next(reversed(_sessions(folder)), "")
 
 
 def first_session(folder: Path) -> str:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 
 from wil_campaign import campaigns
-from wil_campaign.campaigns.schema.json_schemas import summary_of
+from wil_campaign.campaigns.schema.part_summaries import summary_of
 from wil_campaign.campaigns.schema.sensors import sensor_parts
 from wil_campaign.campaigns.setup.autonomy_under_test import shipped_autonomies
 from wil_campaign.foundation.files.documents import BadInput, load

@@ -21,8 +21,7 @@ from wil_campaign.orchestrator.cli.announcements import announce_verdicts
 from wil_campaign.orchestrator.cli.arming_consent import RefusedError
 from wil_campaign.orchestrator.cli.engine_flight import ready_flight
 from wil_campaign.orchestrator.cli.final_report import write_final_report
-from wil_campaign.orchestrator.cli.first_compilation import compilation_notice
-from wil_campaign.orchestrator.cli.flight_needs import needs_text
+from wil_campaign.orchestrator.cli.flight_needs import compilation_notice, needs_text
 from wil_campaign.orchestrator.cli.live_views import views_beside
 from wil_campaign.orchestrator.cli.plugin_options import (
     NO_OPTIONS,

@@ -32,6 +32,7 @@ from wil_campaign.orchestrator.report.reading.cause import (
     deciding_oracle,
     moment_of,
     notes_of,
+    success_of,
 )
 from wil_campaign.orchestrator.report.reading.closeup import JudgedFlight, closeup_of
 from wil_campaign.orchestrator.report.reading.distances import TimedPose, contact_until_s, fence_at
@@ -58,7 +59,6 @@ from wil_campaign.orchestrator.report.reading.sight_decoding import (
     video_sights,
 )
 from wil_campaign.orchestrator.report.reading.signal_plots import mixture_plots, motion_plots
-from wil_campaign.orchestrator.report.reading.success import success_of
 from wil_campaign.orchestrator.report.reading.world_facts import (
     RecordedWorld,
     recorded_body,

@@ -208,7 +208,7 @@ class SensorFactory:
 
     def _image_source(self, name: str, sensor: str) -> ImageSource:
         """Return the renderer of a sensor's images: a simulator, or the built-in one."""
-        simulator = self._external_io.drawn.get((name, sensor))
+        simulator = self._external_io.simulators.get((name, sensor))
         if simulator is not None:
             return ThroughLens(simulator)
         return ThroughLens(WorldImages(scene=self._scene(name), events=self._events))

@@ -53,9 +53,9 @@ class HiredBench:
     bench: Bench
     agent: HiredAgent
 
-    def engine(self, store: Store | None = None) -> RayEngine:
+    def engine(self, store: Store) -> RayEngine:
         """Return the engine that flies on the bench, one run at a time. store: for results."""
-        return RayEngine(self.agent.ray, 0, self.bench.name, [self.agent], store=store)
+        return RayEngine(self.agent.ray, 0, store, self.bench.name, [self.agent])
 
     def ask_consent(self, asked: ConsentAsked) -> ConsentAnswer:
         """Return the answer of the person at the bench. Raises EngineError."""

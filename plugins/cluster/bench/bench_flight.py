@@ -17,7 +17,7 @@ from wil_campaign.orchestrator.cli.clock_choice import clock_for
 from wil_campaign.orchestrator.cli.engine_flight import load_selected
 from wil_campaign.orchestrator.cli.standard_streams import err
 from wil_campaign.plugins.cluster.bench.bench_engine import HiredBench, bench_of_cluster
-from wil_campaign.plugins.cluster.cluster_engine import store_of_results
+from wil_campaign.plugins.cluster.cluster_engine import results_store, store_of_results
 from wil_campaign.plugins.cluster.node_messages import ConsentAsked
 from wil_campaign.plugins.cluster.ray_engine import engine_address
 
@@ -49,7 +49,10 @@ def ready_on_bench(
             "a bench flies one run at a time, on the wall clock; leave --clock and --jobs out",
             REFUSED,
         )
-    with bench_of_cluster(address, document, request, err) as hired:
+    with (
+        results_store(store, address) as through,
+        bench_of_cluster(address, document, request, err) as hired,
+    ):
         here = replace(selection, benches=(hired.bench,))
         campaign = load_selected(file, here, options)
         clock_for(campaign, "wall")
@@ -58,7 +61,7 @@ def ready_on_bench(
             names = " and ".join(f"{one.name} ({one.attached})" for one in others)
             raise RefusedError(f"{names}: a bench has one vehicle, the real one", REFUSED)
         cleared = _clear_at_bench(campaign, hired, arm=options.arm)
-        yield campaign, replace(cleared, engine=hired.engine(store))
+        yield campaign, replace(cleared, engine=hired.engine(through))
 
 
 def _clear_at_bench(campaign: Campaign, hired: HiredBench, *, arm: bool) -> Cleared:

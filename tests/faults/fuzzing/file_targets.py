@@ -22,6 +22,8 @@ from wil_campaign.orchestrator.reading.results_folder import UnreadableError
 from wil_campaign.orchestrator.reading.trajectory_file import read_trajectory
 from wil_campaign.orchestrator.report.reading.event_log import read_event_log
 from wil_campaign.orchestrator.report.reading.recorded_sights import read_sights
+from wil_campaign.plugins.cameras.image_files import VideoFile
+from wil_campaign.plugins.meshes.mesh_reader import load_mesh_shape
 from wil_campaign.plugins.offline.errors import OfflineError
 from wil_campaign.plugins.offline.recorded_inputs import items
 from wil_campaign.plugins.paper_xml.paper_xml import parse_paper_xml
@@ -34,8 +36,7 @@ from wil_campaign.safety.fence.fence_files import read_fence_file
 from wil_campaign.vehicles.embedded.profile import ProfileError, load_profile
 from wil_campaign.vehicles.perception.detector import DetectorError, OnnxDetector
 from wil_campaign.vehicles.sources.camera_source import SourceError
-from wil_campaign.vehicles.sources.cameras.image_files import VideoFile
-from wil_campaign.worlds.scene.mesh_files.mesh_reader import MeshFileError, load_mesh_shape
+from wil_campaign.worlds.scene.mesh_formats import MeshFileError
 from wil_campaign.worlds.world_file.world import World
 
 ROOT = Path(__file__).parents[3]

@@ -9,8 +9,12 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.faults.fuzzing.targets import Prepared, Target
+from wil_campaign.plugins.mocap.motion_capture import PROTOCOL, decode_frame
 from wil_campaign.plugins.mqtt.message_signing import signed
 from wil_campaign.plugins.mqtt.mqtt_commands import CommandReader, RefusedCommandError
+from wil_campaign.plugins.readings.messagepack import BadMessageError, pack
+from wil_campaign.plugins.simulator.simulator_protocol import PROTOCOL as SIMULATOR
+from wil_campaign.plugins.simulator.simulator_protocol import Ask, image_of, welcome_of
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.events import GuardedVehicle, ToVehicle
 from wil_campaign.safety.guard.core.guard_core import GuardCore
@@ -21,10 +25,6 @@ from wil_campaign.vehicles.autopilots.autopilot import Target as Addressed
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.mavlink.codec import Codec
 from wil_campaign.vehicles.mavlink.framing import checksum
-from wil_campaign.vehicles.sources.messagepack import BadMessageError, pack
-from wil_campaign.vehicles.sources.mocap.motion_capture import PROTOCOL, decode_frame
-from wil_campaign.vehicles.sources.simulator.simulator_protocol import PROTOCOL as SIMULATOR
-from wil_campaign.vehicles.sources.simulator.simulator_protocol import Ask, image_of, welcome_of
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 

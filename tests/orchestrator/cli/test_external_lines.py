@@ -11,7 +11,7 @@ from wil_campaign.orchestrator.model.external_results import (
     SourceResult,
 )
 from wil_campaign.orchestrator.model.results import RunResult, SyncResult
-from wil_campaign.vehicles.sources.mocap.feed_statistics import FeedStatistics
+from wil_campaign.vehicles.sources.feed_statistics import FeedStatistics
 
 FEED = FeedStatistics(2000, 100.0, 4.0, 6.0, 2, 1, 0, 1, 0.05)
 OUTSIDE = ExternalResult(

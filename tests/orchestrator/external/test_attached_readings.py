@@ -8,8 +8,8 @@ import pytest
 
 from tests.orchestrator.campaign.test_attached_run import outside, words
 from tests.orchestrator.wall_runs import SHORT, Program
+from tests.plugins.readings.publisher import Publisher, publishing
 from tests.ports import free_port
-from tests.vehicles.sources.readings.publisher import Publisher, publishing
 from wil_campaign.vehicles.autopilots.autopilot import MessageRate, TelemetryRates
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.links.link_factory import open_link

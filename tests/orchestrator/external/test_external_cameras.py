@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.orchestrator.external.rigs import until
-from tests.vehicles.sources.conftest import Sender, given_port, sending
+from tests.plugins.cameras.conftest import Sender, given_port, sending
 from wil_campaign.campaigns.values.external_setups import SourceSetup
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual

@@ -10,12 +10,12 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 from tests.orchestrator.wall_runs import ROOT, SHORT, STAYING, Program
+from tests.plugins.cameras.pumping import pump
 from tests.ports import free_port
-from tests.vehicles.sources.pumping import pump
+from wil_campaign.plugins.cameras.camera_factory import live_camera
 from wil_campaign.vehicles.perception.blobs import BlobFinder
 from wil_campaign.vehicles.perception.hsv import NAMED_COLORS
 from wil_campaign.vehicles.readings import CameraReading
-from wil_campaign.vehicles.sources.cameras.camera_factory import live_camera
 from wil_campaign.worlds.camera import Intrinsics
 
 CAMERA = Intrinsics.from_fov(160, 120, 1.2)
@@ -27,7 +27,7 @@ async def simulator() -> AsyncIterator[tuple[str, "subprocess.Popen[str]"]]:
     process = await asyncio.to_thread(
         subprocess.Popen,
         [
-            *(sys.executable, "-m", "wil_campaign.vehicles.sources.reference_simulator"),
+            *(sys.executable, "-m", "wil_campaign.plugins.simulator.reference_simulator"),
             *("--world", "worlds/gate.yaml", "--bind", "tcp://127.0.0.1:*"),
         ],
         cwd=ROOT,

@@ -148,7 +148,7 @@ def test_a_live_camera_that_stalls_or_dies_in_flight(
         assert address == "rtp://127.0.0.1:5600"
         return FakeLive(intrinsics, 12.0, error, freezes=False)
 
-    monkeypatch.setattr("wil_campaign.orchestrator.external.external_cameras.live_camera", opened)
+    monkeypatch.setattr("wil_campaign.plugins.cameras.camera_factory.live_camera", opened)
     result, folder = fly_run(cameras=SMALL_CAMERAS, sets=source("rtp://127.0.0.1:5600"))
     assert result.verdict == verdict
     assert all_landed(folder)
@@ -166,7 +166,7 @@ def test_a_live_camera_that_repeats_its_last_image_with_new_stamps_proves_nothin
     def opened(_: str, *, intrinsics: Any, **__: Any) -> FakeLive:
         return FakeLive(intrinsics, 12.0, freezes=freezes)
 
-    monkeypatch.setattr("wil_campaign.orchestrator.external.external_cameras.live_camera", opened)
+    monkeypatch.setattr("wil_campaign.plugins.cameras.camera_factory.live_camera", opened)
     result, folder = fly_run(cameras=SMALL_CAMERAS, sets=source("rtp://127.0.0.1:5600"))
     assert all_landed(folder)
     assert result.outside is not None

@@ -24,7 +24,7 @@ from wil_campaign.plugins.cluster.node_messages import (
     decode_to_campaign,
     encode_to_node,
 )
-from wil_campaign.plugins.cluster.node_process import NodeRuns
+from wil_campaign.plugins.cluster.node_process import NodeRuns, _is_deserted
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 
@@ -192,3 +192,16 @@ async def test_an_end_without_a_waiter_is_given_up(
     await sending
     await runs._send(ended)  # nor is another begun in the middle of it
     assert not reader.blocked
+
+
+def test_a_node_notices_that_its_cluster_is_gone_also_with_words_unread() -> None:
+    reading, writing = os.pipe()
+    commands, sender = Connection(reading, writable=False), Connection(writing, readable=False)
+    assert not _is_deserted(commands)
+    sender.send("an order")
+    assert not _is_deserted(commands)
+    sender.close()
+    assert _is_deserted(commands)
+    here, there = Pipe()
+    there.close()
+    assert _is_deserted(here)

@@ -61,7 +61,7 @@ def test_an_order_is_the_same_on_the_node_and_has_each_text_once(tmp_path: Path)
 
 
 def test_an_order_whose_texts_are_missing_is_refused(tmp_path: Path) -> None:
-    content = encode_to_node(RunOrdered(order_of(tmp_path)))
+    content = encode_to_node(RunOrdered(order_of(tmp_path), "a"))
     *rest, sources = msgspec.msgpack.decode(content)
     assert sources
     with pytest.raises(DamagedMessageError, match="an order names a text that it does not have"):
@@ -72,13 +72,13 @@ def test_a_value_that_no_message_can_have_is_refused_in_words(tmp_path: Path) ->
     sets = (f"autonomy={{use: still.py:Still, with: {{ticks: {10**30}}}}}",)
     plan = load_campaign(write_hover(tmp_path), Options(repetitions=1, sets=sets)).runs[0]
     with pytest.raises(MessageError, match="a value of the campaign cannot be sent to a node"):
-        encode_to_node(RunOrdered(RunOrder(plan=plan, folder=tmp_path, clock="virtual")))
+        encode_to_node(RunOrdered(RunOrder(plan=plan, folder=tmp_path, clock="virtual"), "a"))
 
 
 def test_names_of_files_need_not_be_utf_8() -> None:
     folder = Path("/home/\udce9")
     files = TravellingFiles((TravellingFile(folder / "a.py", "aa", b"\xff\x00"),), (folder,))
-    message = CampaignBrought(folder, "s", files)
+    message = CampaignBrought(folder, "s", files, "file:///nfs", "a")
     assert decode_to_node(encode_to_node(message)) == message
 
 

@@ -28,6 +28,7 @@ from wil_campaign.plugins.cluster.node_facts import node_facts, unfit_text
 from wil_campaign.plugins.cluster.node_messages import NodeFacts, encode_to_campaign
 from wil_campaign.plugins.cluster.ray_agents import HIRED_S, hire_agents
 from wil_campaign.plugins.cluster.ray_engine import RayEngine, engine_address
+from wil_campaign.plugins.cluster.store import open_store
 
 NEAR_ENDLESS = "autonomy: {use: still.py:Still, with: {ticks: 20000}}"
 
@@ -81,7 +82,8 @@ def fly(
     jobs: int = 1,
 ) -> CampaignOutcome:
     ray = FakeRay(MortalAgent, cpus)
-    engine = RayEngine(ray, 1, idle=hire_agents(ray, workers, cores=1))
+    store = open_store(f"file://{out}-store")
+    engine = RayEngine(ray, 1, store, idle=hire_agents(ray, workers, cores=1))
     options = FlightOptions(out=out, resume=resume)
     cleared = Cleared("virtual", jobs, engine=engine)
     try:
@@ -190,7 +192,7 @@ def test_a_lost_node_keeps_a_campaign_from_nothing_that_others_fly(
 
 
 def test_a_cluster_with_fewer_places_flies_fewer_at_once_and_says_so(
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ray, said = FakeRay(MortalAgent, 1), list[str]()
 
@@ -199,7 +201,10 @@ def test_a_cluster_with_fewer_places_flies_fewer_at_once_and_says_so(
         yield ray
 
     monkeypatch.setattr(ray_engine, "running_ray", running)
-    with ray_engine.ray_engine("127.0.0.1:1", jobs=3, cores=1, say=said.append) as engine:
+    store = open_store(tmp_path.as_uri())
+    with ray_engine.ray_engine(
+        "127.0.0.1:1", jobs=3, cores=1, store=store, say=said.append
+    ) as engine:
         assert (len(engine.idle), engine.places) == (1, 3)
         engine.idle[0].actor.die()
     assert said[0] == (

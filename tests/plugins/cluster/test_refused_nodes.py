@@ -13,10 +13,11 @@ from wil_campaign.plugins.cluster import ray_engine
 from wil_campaign.plugins.cluster.node_messages import CampaignAnswer, CampaignBrought
 from wil_campaign.plugins.cluster.ray_agents import NodeRefusedError
 from wil_campaign.plugins.cluster.ray_engine import RayEngine, RayWorkers
-from wil_campaign.plugins.cluster.returned_results import SharedResults
+from wil_campaign.plugins.cluster.returned_results import FetchedResults
+from wil_campaign.plugins.cluster.store import open_store
 from wil_campaign.plugins.cluster.travelling_files import TravellingFiles
 
-UNFIT = "it does not see the results folder"
+UNFIT = "it does not see in memory://a what was written there"
 
 
 class Agent:
@@ -49,11 +50,12 @@ class Workers(RayWorkers):
         self.agents: Any = list(idle)
         self.hired: Any = list(hired)
         self.hires = 0
+        store = open_store("memory://a")
         super().__init__(
-            engine=RayEngine(None, 1, idle=self.agents),
-            brought=CampaignBrought(Path("/out"), "session", TravellingFiles(())),
+            engine=RayEngine(None, 1, store, idle=self.agents),
+            brought=CampaignBrought(Path("/out"), "session", TravellingFiles(()), store.url, "a"),
             ledger=None,  # type: ignore[arg-type]
-            results=SharedResults(),
+            results=FetchedResults(store, Path("/out"), "a"),
             say=self.said.append,
         )
 

@@ -129,5 +129,5 @@ def test_an_address_that_is_no_store_is_refused(url: str, said: str) -> None:
 
 def test_a_missing_extra_is_named_with_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "fsspec.core", None)
-    with pytest.raises(StoreRefusedError, match=r"pip install 'wil-campaign\[storage\]'"):
+    with pytest.raises(StoreRefusedError, match=r"pip install 'wil-campaign\[cluster,storage\]'"):
         open_store("s3://bucket")

@@ -65,7 +65,7 @@ def fly(
     campaign = load_campaign(path, Options(repetitions=repetitions))
     ray = FakeRay(MortalAgent)
     place = open_store(f"file://{store}", LIMITS)
-    engine = RayEngine(ray, 1, idle=hire_agents(ray, 1, cores=1), store=place)
+    engine = RayEngine(ray, 1, place, idle=hire_agents(ray, 1, cores=1))
     options = FlightOptions(out=out, resume=resume)
     cleared = Cleared("virtual", 1, engine=engine)
     try:
@@ -256,7 +256,7 @@ def test_an_order_of_an_earlier_start_is_refused_by_the_store(tmp_path: Path, st
     campaign = load_campaign(write_hover(tmp_path), Options(repetitions=2))
     ray = FakeRay(MortalAgent)
     place = open_store(f"file://{store}", LIMITS)
-    engine = RayEngine(ray, 1, idle=hire_agents(ray, 1, cores=1), store=place)
+    engine = RayEngine(ray, 1, place, idle=hire_agents(ray, 1, cores=1))
     options = FlightOptions(out=tmp_path / "out")
     cleared = Cleared("virtual", 1, engine=engine)
     try:
@@ -308,6 +308,7 @@ def test_a_node_that_sees_another_store_is_refused(
     ("options", "said"),
     [
         (["--store", "s3://bucket"], "leave --store out"),
+        (["--engine", "ray://127.0.0.1:6379"], "add --store file:///FOLDER"),
         (["--engine", "ray", "--store", "bucket"], "must be a URL"),
         (["--engine", "ray", "--store", "s3://k:s@bucket"], "must not contain credentials"),
         (["--engine", "ray", "--store", "nothing://x"], "nothing://x"),

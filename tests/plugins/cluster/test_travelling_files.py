@@ -12,7 +12,6 @@ from wil_campaign.campaigns.expansion.expansion import load_campaign
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.foundation.files.user_modules import user_files
 from wil_campaign.orchestrator.campaign.folder.manifest import manifest, read_files
-from wil_campaign.orchestrator.campaign.resuming.run_ledger import RunLedger, newest_session
 from wil_campaign.orchestrator.campaign.workers.run_order import resolve_order
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.plugins.cluster import ray_engine
@@ -154,14 +153,3 @@ def test_programs_stay_programs(tmp_path: Path) -> None:
     program.chmod(0o755)
     unpack_files(pack_files([program], []), tmp_path / "there")
     assert place_beneath(tmp_path / "there", program).stat().st_mode & 0o111
-
-
-def test_the_newest_start_of_a_campaign_holds_also_behind_a_line_that_was_cut(
-    tmp_path: Path,
-) -> None:
-    assert newest_session(tmp_path) == ""
-    RunLedger(tmp_path, "first").write("ordered", "a/sim/1", "node")
-    RunLedger(tmp_path, "second")
-    with (tmp_path / "ledger.jsonl").open("a") as file:
-        file.write('{"session": "third", "ev')
-    assert newest_session(tmp_path) == "second"

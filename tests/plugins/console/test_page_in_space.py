@@ -23,10 +23,17 @@ from wil_campaign.plugins.console.console_address import ConsoleAddress, Request
 from wil_campaign.plugins.console.console_hub import ConsoleHub
 from wil_campaign.plugins.console.console_server import ConsoleServer
 from wil_campaign.plugins.console.page_commands import CommandSender
+from wil_campaign.plugins.console.playback import Playback
 from wil_campaign.plugins.console.recorded_run import RecordedRun
 
 PATIENCE_S = 60.0
-ARE_OLD = "document.querySelectorAll('.camera.stale').length === 4"
+PAUSE = "document.getElementById('playback-pause').textContent"
+TIME = "document.getElementById('playback-time').textContent"
+LAST = f"{TIME}.split(' of ')[1].replace(' s', '')"
+TO_ITS_END = (
+    "(() => { const line = document.getElementById('playback-line'); line.value = line.max;"
+    "line.dispatchEvent(new Event('change')); })()"
+)
 JOIN = "document.querySelector('#join-form button').click()"
 NOTE = "document.getElementById('space-note').textContent"
 LOSE = "document.getElementById('space').getContext('webgl2').getExtension('WEBGL_lose_context')"
@@ -66,18 +73,21 @@ async def serve_and_look(folder: Path, look: Callable[[str], None]) -> None:
     port = free_port()
     hub = ConsoleHub(about={"mode": "recorded"}, access=access)
     sender = CommandSender(FlightScope())
+    time = asyncio.get_running_loop().time
+    playback = Playback(2.0, time=time, show=hub.show_playback)
     server = ConsoleServer(
         access=access,
         rules=RequestRules.of(ConsoleAddress("127.0.0.1", port), tls=False),
         hub=hub,
         sender=sender,
         cookie="session",
-        time=asyncio.get_running_loop().time,
+        time=time,
+        playback=playback,
     )
-    playing = asyncio.create_task(RecordedRun(folder, speed=2.0).play(hub.take))
+    playing = asyncio.create_task(RecordedRun(folder, playback).play(hub.take))
     try:
         async with TestServer(server.application(), port=port):
-            link = f"http://127.0.0.1:{port}/#{access.invite('viewer')}"
+            link = f"http://127.0.0.1:{port}/#{access.invite('operator')}"
             await asyncio.to_thread(look, link)
     finally:
         playing.cancel()
@@ -121,8 +131,13 @@ async def test_the_view_in_space_shows_vehicles_fence_and_gate_and_turns(
             wait_until(page, is_drawn)
             assert page.value(NOTE) == ""
             before = seen(space_image(page, shot), ORANGE)
-            # Between two rounds of the run nothing comes: all images are old, the overlay too.
-            wait_until(page, lambda: page.value(ARE_OLD))
+            # Paused, the run stands still at the time that is chosen.
+            page.value("document.getElementById('playback-pause').click()")
+            wait_until(page, lambda: page.value(PAUSE) == "Play")
+            page.value(TO_ITS_END)
+            wait_until(page, lambda: page.value(TIME).split(" of ")[0] == page.value(LAST))
+            marks = "document.getElementById('playback-marks').childElementCount > 0"
+            wait_until(page, lambda: page.value(marks))
             page.value("document.getElementById('space').focus()")
             for _ in range(8):
                 page.press("ArrowRight")
@@ -137,6 +152,7 @@ async def test_the_view_in_space_shows_vehicles_fence_and_gate_and_turns(
             assert [
                 one for one in page.requests if not one.startswith(link.partition("#")[0])
             ] == []
+            page.value("document.getElementById('playback-pause').click()")
             page.value(f"(window.lost = {LOSE}).loseContext()")
             wait_until(page, lambda: "STOPPED" in page.value(NOTE))
             page.value("window.lost.restoreContext()")

@@ -11,13 +11,13 @@ from tests.recipes.samples import imu
 from wil_campaign.plugins.outlets.image_delivery import Delivery, DeliveryError
 from wil_campaign.plugins.outlets.v4l2 import v4l2_delivery
 from wil_campaign.plugins.outlets.zmq_images import ZmqDelivery, published_parts
-from wil_campaign.vehicles.readings import CameraReading
-from wil_campaign.vehicles.sources.messagepack import Header
-from wil_campaign.vehicles.sources.simulator.image_parts import (
+from wil_campaign.plugins.readings.messagepack import Header
+from wil_campaign.plugins.simulator.image_parts import (
     decode_depth,
     decode_ids,
     decode_image,
 )
+from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 

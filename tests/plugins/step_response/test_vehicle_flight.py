@@ -22,7 +22,8 @@ from tests.orchestrator.cli.test_arming_consent import Speaker
 from tests.ports import free_port
 from tests.test_house import ROOT
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle
-from wil_campaign.orchestrator.cli import main, vehicle_check
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.plugins.doctor import vehicle_check
 from wil_campaign.plugins.step_response import vehicle_flight
 from wil_campaign.plugins.step_response.comparison import Row
 from wil_campaign.plugins.step_response.event_order import OrderRow

@@ -15,8 +15,8 @@ from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import MAGIC, RecordStream
 from wil_campaign.orchestrator.recording.mcap_reader import Recording
+from wil_campaign.plugins.cameras.mcap_images import McapFile
 from wil_campaign.vehicles.sources.camera_source import SourceError
-from wil_campaign.vehicles.sources.cameras.mcap_images import McapFile
 from wil_campaign.vehicles.sources.mcap_limits import ChunkLimitError, chunk_records
 
 CLAIMED_BYTES = 30_000_000

@@ -22,7 +22,6 @@ from wil_campaign.orchestrator.campaign.resuming.resumed_campaign import (
 from wil_campaign.orchestrator.campaign.resuming.resumption import ResumeError
 from wil_campaign.orchestrator.campaign.resuming.run_ledger import (
     RunLedger,
-    newest_session,
     open_orders,
 )
 from wil_campaign.orchestrator.cli import main
@@ -185,8 +184,8 @@ def test_a_start_after_a_line_that_was_cut_off_is_read(tmp_path: Path) -> None:
     RunLedger(tmp_path, "first")
     with (tmp_path / "ledger.jsonl").open("a") as file:
         file.write('{"session": "fi')
-    RunLedger(tmp_path, "second")
-    assert newest_session(tmp_path) == "second"
+    RunLedger(tmp_path, "second").write("ordered", "a/sim/1", "node")
+    assert open_orders(tmp_path)["a/sim/1"].session == "second"
 
 
 def test_a_run_is_real_where_a_real_vehicle_flies(tmp_path: Path) -> None:

@@ -5,10 +5,9 @@ from dataclasses import replace
 import pytest
 
 from tests.orchestrator.report.recorded_campaign import passed, touched
-from wil_campaign.orchestrator.report.reading.cause import NearestPass
+from wil_campaign.orchestrator.report.reading.cause import NearestPass, success_of
 from wil_campaign.orchestrator.report.reading.distances import TimedPose
 from wil_campaign.orchestrator.report.reading.headline import headline_of
-from wil_campaign.orchestrator.report.reading.success import success_of
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.worlds.frames import Pose
 

@@ -42,6 +42,7 @@ from wil_campaign.orchestrator.model.results_reader import read_result
 from wil_campaign.plugins.cluster.bench.bench_engine import HiredBench, hire_bench
 from wil_campaign.plugins.cluster.bench.bench_messages import SOCKET_VARIABLE
 from wil_campaign.plugins.cluster.node_messages import ConsentAnswer, ConsentAsked
+from wil_campaign.plugins.cluster.store import open_store
 from wil_campaign.vehicles.links.link_strings import parse_link
 
 SERVE = """\
@@ -132,7 +133,12 @@ def socket_of_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def fly(path: Path, hired: HiredBench, act: Callable[[], object]) -> CampaignOutcome:
     campaign = load_campaign(path, Options(benches=(hired.bench,)))
     options = FlightOptions(out=path.parent / "out")
-    cleared = Cleared("wall", 1, real_kind="sitl", engine=hired.engine())
+    cleared = Cleared(
+        "wall",
+        1,
+        real_kind="sitl",
+        engine=hired.engine(open_store((path.parent / "store").as_uri())),
+    )
     return fly_campaign(campaign, options, cleared, Once(act))
 
 

@@ -115,7 +115,7 @@ def order_of(campaign: Campaign, folder: Path, *, arm: bool = True) -> RunOrder:
 
 def test_the_gate_of_a_bench_passes_the_consented_runs_and_no_more(tmp_path: Path) -> None:
     path, bench = write_campaign(tmp_path), write_bench(tmp_path)
-    order = RunOrdered(order_of(load_campaign(path, Options(benches=(bench,))), tmp_path))
+    order = RunOrdered(order_of(load_campaign(path, Options(benches=(bench,))), tmp_path), "a")
     gate = BenchGate(bench)
     assert "nobody at bench hall-a has consented" in gate.refusal(order)
     gate.open_for(ConsentAsked("hover", 2, arm=True, place=PLACE))
@@ -123,7 +123,7 @@ def test_the_gate_of_a_bench_passes_the_consented_runs_and_no_more(tmp_path: Pat
     assert "has consent for 2 runs, not more" in gate.refusal(order)
     gate.open_for(ConsentAsked("hover", 2, arm=False, place=PLACE))
     assert "has consent for a campaign that does not arm" in gate.refusal(order)
-    assert gate.refusal(RunOrdered(replace(order.order, arm=False))) == ""
+    assert gate.refusal(RunOrdered(replace(order.order, arm=False), "a")) == ""
 
 
 @pytest.mark.parametrize(
@@ -146,7 +146,7 @@ def test_the_gate_of_a_bench_knows_its_vehicle_and_its_fence(
     gate = BenchGate(bench)
     gate.open_for(ConsentAsked("hover", 9, arm=True, place=PLACE))
     campaign = load_campaign(path, Options(benches=other))
-    assert gate.refusal(RunOrdered(order_of(campaign, tmp_path))) == said
+    assert gate.refusal(RunOrdered(order_of(campaign, tmp_path), "a")) == said
 
 
 def test_the_gate_of_a_bench_passes_no_attached_actor(tmp_path: Path) -> None:

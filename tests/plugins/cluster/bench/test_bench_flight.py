@@ -28,6 +28,7 @@ from wil_campaign.plugins.cluster.bench.bench_engine import BenchAgent, hire_ben
 from wil_campaign.plugins.cluster.bench.bench_messages import SOCKET_VARIABLE
 from wil_campaign.plugins.cluster.bench.bench_server import BenchServer
 from wil_campaign.plugins.cluster.node_messages import ConsentAnswer, ConsentAsked
+from wil_campaign.plugins.cluster.store import open_store
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 
 IN_FLIGHT = {"takeoff", "at_height", "goal"}
@@ -113,7 +114,12 @@ def test_a_bench_flies_after_consent_and_never_repeats_a_run_that_died_in_flight
         assert hired.ask_consent(wanted).problem == ""
         campaign = load_campaign(path, Options(benches=(hired.bench,)))
         options = FlightOptions(out=tmp_path / "out")
-        cleared = Cleared("wall", 1, real_kind="sitl", engine=hired.engine())
+        cleared = Cleared(
+            "wall",
+            1,
+            real_kind="sitl",
+            engine=hired.engine(open_store((tmp_path / "store").as_uri())),
+        )
         flown = fly_campaign(campaign, options, cleared, DyingSecond(ray.actors[0].die))
     passed, lost = flown.summary.runs
     assert (passed.verdict, passed.reason, asked) == ("PASS", "", [wanted])

@@ -1,0 +1,151 @@
+"""Recorded images: a video file, or a folder of image files."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+
+from wil_campaign.foundation.files.images import ImageError, check_pixels, read_image
+from wil_campaign.foundation.files.lfs import LFS_POINTER, is_lfs_file
+from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
+from wil_campaign.foundation.files.paths import is_file
+from wil_campaign.plugins.cameras.av_input import opening_error
+from wil_campaign.plugins.cameras.frame_stamps import check_image
+from wil_campaign.plugins.cameras.recorded_camera import RecordedImage
+from wil_campaign.vehicles.sources.camera_source import IMAGE_SUFFIXES, SourceError
+
+
+class VideoFile:
+    """The images of a video file, by their own time stamps; an ImageFile."""
+
+    def __init__(self, *, path: Path) -> None:
+        self._path = path
+        self._container: Any = None
+        self._frames: Any = None
+        self._first_s: float | None = None
+
+    @property
+    def name(self) -> str:
+        """Return the video file's path."""
+        return str(self._path)
+
+    def open(self) -> None:
+        """Open the video file. Raises SourceError."""
+        try:
+            # A playlist or a session description would make FFmpeg open other files and addresses.
+            options = {"protocol_whitelist": "file"}
+            self._container = av.open(str(self._path), options=options)
+        except (av.error.FFmpegError, OSError, ValueError) as error:
+            if is_file(self._path) and is_lfs_file(self._path):
+                raise SourceError(f"{self.name}: {LFS_POINTER}") from error
+            raise opening_error(self.name, error) from error
+        if not self._container.streams.video:
+            raise SourceError(f"{self.name}: has no video; is it audio only?")
+        stream = self._container.streams.video[0]
+        if stream.codec_context is None:
+            raise SourceError(f"{self.name}: FFmpeg has no decoder for this video")
+        # One thread: some decoders conceal errors per thread, so that images depend on the machine.
+        stream.codec_context.thread_count = 1
+        self._check_size(stream.codec_context.width, stream.codec_context.height)
+        stream.codec_context.options = {"max_pixels": str(MAX_IMAGE_PIXELS)}
+        self._frames = self._container.decode(stream)
+
+    def next(self) -> RecordedImage | None:
+        """Return the video file's next image. Raises SourceError for a broken file."""
+        try:
+            frame = next(self._frames, None)
+        except av.error.FFmpegError as error:
+            raise SourceError(f"{self.name}: the file is damaged: {error.strerror}") from error
+        if frame is None:
+            return None
+        self._check_frame(frame)
+        if self._first_s is None:
+            self._first_s = frame.time
+        return RecordedImage(frame.time - self._first_s, frame.to_ndarray(format="bgr24"))
+
+    def close(self) -> None:
+        """Close the video file."""
+        if self._container is not None:
+            self._container.close()
+
+    def _check_size(self, width_px: int, height_px: int) -> None:
+        try:
+            check_pixels(width_px, height_px)
+        except ImageError as error:
+            raise SourceError(f"{self.name}: cannot be decoded: {error}") from error
+
+    def _check_frame(self, frame: Any) -> None:
+        self._check_size(frame.width, frame.height)
+        if frame.is_corrupt:
+            raise SourceError(
+                f"{self.name}: the file is damaged at {frame.time} s; copy it again, or cut it "
+                "before that"
+            )
+        if frame.time is None:
+            raise SourceError(
+                f"{self.name}: its images have no time stamps; remux it: "
+                "ffmpeg -r RATE -i IN -c copy OUT.mp4"
+            )
+        if frame.rotation:
+            raise SourceError(
+                f"{self.name}: the video is marked as rotated by {frame.rotation} degrees, as "
+                "phones do; convert it upright: ffmpeg -i IN OUT.mp4"
+            )
+
+
+class ImageFolder:
+    """The image files of a folder in the order of their names, at a rate; an ImageFile.
+
+    Numbers in names count as numbers: `9.png` comes before `10.png`.
+    """
+
+    def __init__(self, *, path: Path, rate_hz: float) -> None:
+        if not 0.0 < rate_hz < 1e4:
+            raise SourceError(f"{path}: the rate is {rate_hz} Hz; it must be positive")
+        self._path = path
+        self._rate_hz = rate_hz
+        self._images: list[Path] = []
+        self._index = 0
+
+    @property
+    def name(self) -> str:
+        """Return the image folder's path."""
+        return str(self._path)
+
+    def open(self) -> None:
+        """List the folder's image files. Raises SourceError."""
+        try:
+            entries = list(self._path.iterdir())
+        except OSError as error:
+            raise SourceError(f"{self.name}: {error.strerror}; name a folder of images") from error
+        images = [entry for entry in entries if entry.suffix.lower() in IMAGE_SUFFIXES]
+        if not images:
+            kinds = ", ".join(sorted(IMAGE_SUFFIXES))
+            raise SourceError(f"{self.name}: the folder has no image ({kinds})")
+        self._images = sorted(images, key=lambda image: _natural_key(image.name))
+
+    def next(self) -> RecordedImage | None:
+        """Return the next image file. Raises SourceError for one that cannot be read."""
+        if self._index >= len(self._images):
+            return None
+        path, offset_s = self._images[self._index], self._index / self._rate_hz
+        self._index += 1
+        try:
+            image_bgr = read_image(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        except (ImageError, OSError) as error:
+            raise SourceError(
+                f"{path}: cannot be read as an image; remove it from the folder: {error}"
+            ) from error
+        return RecordedImage(offset_s, check_image(str(path), image_bgr))
+
+    def close(self) -> None:
+        """Forget the list of image files."""
+        self._images = []
+
+
+def _natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
+    """Return the sort key of an image file's name: numbers by value."""
+    parts = re.findall(r"\d+|\D+", name)
+    return tuple((0, int(part), part) if part.isdigit() else (1, 0, part) for part in parts)

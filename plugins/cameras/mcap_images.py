@@ -1,0 +1,217 @@
+"""The compressed images of one topic of an MCAP file, as a recording."""
+
+from collections.abc import Iterator
+from heapq import heappop, heappush
+from io import BytesIO
+from itertools import count
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.reader import make_reader
+from mcap.records import Channel, Chunk, Message, Schema
+from mcap.stream_reader import StreamReader
+from mcap.summary import Summary
+
+from wil_campaign.foundation.files.images import ImageError, decode_image
+from wil_campaign.foundation.files.lfs import LFS_POINTER, is_lfs_file
+from wil_campaign.foundation.files.limits import MAX_CHUNK_BYTES
+from wil_campaign.plugins.cameras.compressed_image import Decode, decoder_for
+from wil_campaign.plugins.cameras.frame_stamps import check_image
+from wil_campaign.plugins.cameras.recorded_camera import RecordedImage
+from wil_campaign.plugins.readings.messagepack import BadMessageError
+from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.vehicles.sources.mcap_limits import (
+    DAMAGED,
+    RECORD_HEAD,
+    check_length,
+    chunk_records,
+)
+
+_JUMP_S, _FASTEST = 10.0, 100.0
+"""A stamp may be so much later than the log times tell: of a simulation, so many times faster."""
+
+
+class _Timed(NamedTuple):
+    """The times of an image: since the first one, and when it was logged; s."""
+
+    offset_s: float
+    logged_s: float
+    is_stamped: bool
+
+
+class McapFile:
+    """The images of an MCAP file by their own stamps, else by log time; an ImageFile.
+
+    topic: None when the file has one topic of images only.
+    """
+
+    def __init__(self, *, path: Path, topic: str | None = None) -> None:
+        self._path = path
+        self._topic = topic
+        self._stream: IO[bytes] | None = None
+        self._messages: Iterator[Message] = iter(())
+        self._decode: Decode | None = None
+        self._last: _Timed | None = None
+        self._zero_s = 0.0
+
+    @property
+    def name(self) -> str:
+        """Return the MCAP file's path, and the topic."""
+        return f"{self._path}:{self._topic}" if self._topic else str(self._path)
+
+    def open(self) -> None:
+        """Open the MCAP file and find the topic. Raises SourceError."""
+        try:
+            if is_lfs_file(self._path):
+                raise SourceError(f"{self._path}: {LFS_POINTER}")
+            self._stream = self._path.open("rb")
+            summary = make_reader(self._stream).get_summary()
+            topic, self._decode = self._choose_topic(_image_topics(self._stream, summary))
+            self._messages = _messages(self._stream, summary, topic)
+        except OSError as error:
+            raise SourceError(f"{self._path}: {error.strerror}; check the path") from error
+        except DAMAGED as error:
+            raise self._broken_error(error) from error
+        self._topic = topic
+
+    def next(self) -> RecordedImage | None:
+        """Return the MCAP file's next image. Raises SourceError for one that cannot be read."""
+        try:
+            message = next(self._messages, None)
+        except DAMAGED as error:
+            raise self._broken_error(error) from error
+        if message is None or self._decode is None:
+            return None
+        try:
+            image = self._decode(bytes(message.data))
+        except BadMessageError as error:
+            raise SourceError(f"{self.name}: message {message.sequence} {error}") from error
+        offset_s = self._offset_after(image.stamp_s, message)
+        return RecordedImage(offset_s, self._decode_image(image.data, message.sequence))
+
+    def close(self) -> None:
+        """Close the MCAP file."""
+        if self._stream is not None:
+            self._stream.close()
+
+    def _offset_after(self, stamp_s: float | None, message: Message) -> float:
+        """Return an image's time since the first one: by its stamp, else by its log time.
+
+        A stamp of 0 is unset, or the first one of a simulation's time: between an image with and
+        one without a stamp the log times tell. Raises SourceError where the sender's clock was set
+        between two images: the later ones would not be due for years.
+        """
+        logged_s, is_stamped = message.log_time * 1e-9, stamp_s is not None
+        t_s = logged_s if stamp_s is None else stamp_s
+        last = self._last
+        if last is None:
+            self._zero_s = t_s
+        elif last.is_stamped != is_stamped:
+            self._zero_s = t_s - (last.offset_s + logged_s - last.logged_s)
+        offset_s = t_s - self._zero_s
+        if last is not None and is_stamped:
+            step_s, by_log_s = offset_s - last.offset_s, logged_s - last.logged_s
+            if step_s > _JUMP_S + _FASTEST * max(0.0, by_log_s):
+                raise SourceError(
+                    f"{self.name}: the stamp of message {message.sequence} is {step_s:.6g} s after "
+                    f"the one before, and it was logged {by_log_s:.3g} s after it: the sender's "
+                    "clock was set; cut the recording there"
+                )
+        self._last = _Timed(offset_s, logged_s, is_stamped)
+        return offset_s
+
+    def _decode_image(self, data: bytes, sequence: int) -> "np.ndarray[Any, np.dtype[np.uint8]]":
+        try:
+            return check_image(self.name, decode_image(data))
+        except ImageError as error:
+            raise SourceError(
+                f"{self.name}: the image of message {sequence} cannot be decoded: {error}"
+            ) from error
+
+    def _choose_topic(self, topics: dict[str, Decode]) -> tuple[str, Decode]:
+        listed = ", ".join(sorted(topics)) or "none"
+        if self._topic is None and len(topics) == 1:
+            return next(iter(topics.items()))
+        if self._topic is None:
+            raise SourceError(
+                f"{self._path}: choose one of its image topics by name (it has: {listed})"
+            )
+        if self._topic not in topics:
+            raise SourceError(
+                f"{self._path}: has no images on topic {self._topic!r} (it has: {listed})"
+            )
+        return self._topic, topics[self._topic]
+
+    def _broken_error(self, error: Exception) -> SourceError:
+        return SourceError(
+            f"{self._path}: not an MCAP file, or a truncated one: {error or type(error).__name__}; "
+            "`mcap recover` repairs a truncated one"
+        )
+
+
+def _messages(stream: IO[bytes], summary: Summary | None, topic: str) -> Iterator[Message]:
+    """Yield the messages of a topic in the order of their log times, chunk by chunk.
+
+    Without an index of chunks (a recorder may write none) in the file's order. Raises what DAMAGED
+    lists. Chunks overlap in time: a message is yielded once no later chunk can hold an earlier one.
+    """
+    if summary is None or not summary.chunk_indexes:
+        yield from _messages_in_file_order(stream, topic)
+        return
+    channels = {one.id for one in summary.channels.values() if one.topic == topic}
+    chunks = sorted(summary.chunk_indexes, key=lambda one: one.message_start_time)
+    waiting: list[tuple[int, int, Message]] = []
+    order = count()
+    for index in chunks:
+        while waiting and waiting[0][0] < index.message_start_time:
+            yield heappop(waiting)[2]
+        stream.seek(index.chunk_start_offset)
+        _, length = RECORD_HEAD.unpack(stream.read(RECORD_HEAD.size))
+        check_length(length)
+        for record in chunk_records(Chunk.read(ReadDataStream(BytesIO(stream.read(length))))):
+            if isinstance(record, Message) and record.channel_id in channels:
+                heappush(waiting, (record.log_time, next(order), record))
+    while waiting:
+        yield heappop(waiting)[2]
+
+
+def _messages_in_file_order(stream: IO[bytes], topic: str) -> Iterator[Message]:
+    channels: set[int] = set()
+    for record in _records(stream):
+        if isinstance(record, Channel) and record.topic == topic:
+            channels.add(record.id)
+        elif isinstance(record, Message) and record.channel_id in channels:
+            yield record
+
+
+def _records(stream: IO[bytes]) -> Iterator[Schema | Channel | Message]:
+    stream.seek(0)
+    reader = StreamReader(stream, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES)
+    for record in reader.records:
+        if isinstance(record, Chunk):
+            yield from chunk_records(record)
+        elif isinstance(record, Schema | Channel | Message):
+            yield record
+
+
+def _image_topics(stream: IO[bytes], summary: Summary | None) -> dict[str, Decode]:
+    """Return the topics of images with their decoders; from all records where no index has them."""
+    if summary is not None and summary.channels:
+        schemas, channels = dict(summary.schemas), list(summary.channels.values())
+    else:
+        records = list(_records_but_messages(stream))
+        schemas = {one.id: one for one in records if isinstance(one, Schema)}
+        channels = [one for one in records if isinstance(one, Channel)]
+    found: dict[str, Decode] = {}
+    for channel in channels:
+        schema = schemas.get(channel.schema_id)
+        decode = decoder_for(schema.name, channel.message_encoding) if schema else None
+        if decode is not None:
+            found[channel.topic] = decode
+    return found
+
+
+def _records_but_messages(stream: IO[bytes]) -> Iterator[Schema | Channel]:
+    return (one for one in _records(stream) if not isinstance(one, Message))

@@ -1,0 +1,111 @@
+"""`wil-campaign doctor`: checks programs, ports, permissions and orphans of this machine."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from wil_campaign.foundation.files.own_folders import home_folder
+from wil_campaign.foundation.files.paths import is_folder
+from wil_campaign.hooks import operator_channels, vehicle_checks
+from wil_campaign.installed_plugins import added, load
+from wil_campaign.orchestrator.cli.plugin_options import (
+    NO_OPTIONS,
+    PluginOptions,
+    given,
+    takes_options,
+)
+from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.state.parameter_backups import NoHomeError, parameter_backup_folder
+from wil_campaign.plugins.doctor import installed, links, machine, ports, programs
+from wil_campaign.plugins.doctor.findings import Finding, as_text
+from wil_campaign.plugins.doctor.vehicle_check import check_vehicle
+from wil_campaign.safety.guard.process.orphaned_processes import records
+from wil_campaign.safety.guard.process.runtime_folder import runtime_folders, unsafe_folders
+from wil_campaign.vehicles.launch.launch_records import find_orphans
+from wil_campaign.vehicles.links.serial_port import ports as serial_ports
+from wil_campaign.worlds.jit import find_kernel_cache
+
+REFUSED, TROUBLE = 2, 3
+
+
+@takes_options(vehicle_checks, "checks", bool)
+def doctor(
+    *files: Path,
+    out_: Annotated[Path, Parameter(name="--out")] = Path("results"),
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    vehicle: str | None = None,
+    checks: PluginOptions = NO_OPTIONS,
+    arm_real: Annotated[bool, Parameter(negative=())] = False,
+) -> int:
+    """Check installed packages, ports, autopilots, brokers, clocks and permissions.
+
+    Exits with 3 when something prevents every campaign, or those named, from flying. With --vehicle
+    it checks that vehicle only.
+
+    Parameters
+    ----------
+    files
+        Campaign files, whose links are opened for a moment as well. Nothing is sent on them.
+    out_
+        The folder where results are to go.
+    json_
+        Print one JSON document.
+    vehicle
+        The link to a vehicle, as udpin://127.0.0.1:14540, to be identified.
+    arm_real
+        Consent to arming the vehicle.
+    """
+    wanted = given(checks)
+    if vehicle is not None or wanted:
+        if files:
+            err("--vehicle checks one vehicle and no files; leave the campaign files out")
+            return REFUSED
+        return check_vehicle(vehicle, wanted, arm_real=arm_real, results=out_, as_json=json_)
+    findings = [*_findings(out_), *links.campaign_links(files)]
+    if json_:
+        out(json.dumps([asdict(one) for one in findings], indent=2, ensure_ascii=False))
+    else:
+        out(as_text(findings))
+    return TROUBLE if any(one.grade == "trouble" for one in findings) else 0
+
+
+def _findings(results: Path) -> Iterable[Finding]:
+    """Yield all findings of `doctor`."""
+    yield from installed.python()
+    yield from installed.packages()
+    yield from installed.drivers()
+    yield from programs.autopilots(home_folder())
+    for channel in added(operator_channels).values():
+        yield from load(channel.machine)()
+    yield from ports.usual_ports()
+    yield from machine.serial(serial_ports())
+    yield from machine.clock(
+        machine.wakes_late_s(),
+        stalled_s=machine.stalls_s(),
+        synchronised=machine.clock_synchronised(),
+        now=machine.utc(),
+    )
+    scheduling, in_memory = machine.granted_to_guard()
+    yield from machine.guard_privileges(scheduling, in_memory=in_memory)
+    yield from machine.kernels(find_kernel_cache())
+    yield from machine.sockets()
+    yield from machine.disk(results)
+    yield from _orphans(results)
+
+
+def _orphans(results: Path) -> Iterable[Finding]:
+    """Yield doctor's findings about orphaned processes and parameter backups."""
+    launches = find_orphans(results) if is_folder(results) else ()
+    for text in unsafe_folders():
+        yield Finding(machine.LEFT, "trouble", f"{text}; remove it")
+    guards = tuple(record for folder in runtime_folders() for record in records(folder))
+    backups = None
+    try:
+        backups = parameter_backup_folder()
+    except NoHomeError as error:
+        yield Finding(machine.LEFT, "note", str(error))
+    yield from machine.orphans(launches, guards, backups)

@@ -1,0 +1,1 @@
+"""Meshes from files: .obj, .stl, .glb, .gltf, .dae, .ply."""

@@ -1,0 +1,1 @@
+"""Readings of sensors from outside: by ZeroMQ, and from MCAP files."""

@@ -1,0 +1,1 @@
+"""Simulators that render a camera's images on request, by a protocol of ours."""

@@ -1,0 +1,38 @@
+"""`wil-campaign schema`: JSON Schemas for editors."""
+
+import json
+from pathlib import Path
+
+from wil_campaign.foundation.files.problems import printable
+from wil_campaign.orchestrator.cli.standard_streams import err, out
+from wil_campaign.orchestrator.model.document_writer import write_whole
+from wil_campaign.plugins.start.json_schemas import SCHEMAS
+
+
+def schema(folder: Path = Path("schemas")) -> int:
+    """Write the JSON Schemas of campaign, world, recipe and bench files, for completion and hover.
+
+    Exit code 3: the files cannot be written.
+
+    Parameters
+    ----------
+    folder
+        Where the files go; older ones of the same names are replaced.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in schema_texts().items():
+            write_whole(folder / name, text)
+            out(printable(str(folder / name)))
+    except OSError as error:
+        err(printable(f"{folder} cannot be written: {error.strerror or error}"))
+        return 3
+    return 0
+
+
+def schema_texts() -> dict[str, str]:
+    """Return the text of each file of a schema."""
+    return {
+        name: json.dumps(make(), indent=1, ensure_ascii=False) + "\n"
+        for name, make in SCHEMAS.items()
+    }

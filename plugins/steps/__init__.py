@@ -1,0 +1,1 @@
+"""Steps of recipes beyond those that lay virtual objects over real images."""

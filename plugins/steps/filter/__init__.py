@@ -1,0 +1,1 @@
+"""Steps that keep a part of a reading."""

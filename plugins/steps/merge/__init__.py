@@ -1,0 +1,1 @@
+"""Steps that merge the readings of both worlds."""

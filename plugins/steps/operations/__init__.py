@@ -1,0 +1,1 @@
+"""Calculations of steps: photometry, interpolation, quantities, units."""

@@ -1,0 +1,1 @@
+"""Steps that transform a reading: units, frames, geometry, time, colours."""

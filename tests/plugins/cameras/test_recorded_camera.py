@@ -1,0 +1,356 @@
+"""Recordings: video files, folders of images, MCAP; played on any clock."""
+
+import asyncio
+import base64
+import json
+import struct
+from collections.abc import Coroutine
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.writer import IndexType, Writer
+
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.plugins.cameras.compressed_image import CompressedImage, decoder_for
+from wil_campaign.plugins.cameras.image_files import ImageFolder, VideoFile
+from wil_campaign.plugins.cameras.mcap_images import McapFile
+from wil_campaign.plugins.cameras.recorded_camera import ImageFile, RecordedCamera
+from wil_campaign.plugins.readings.messagepack import BadMessageError
+from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.vehicles.sources.camera_source import CameraSource, ImageChangedError, SourceError
+from wil_campaign.worlds.camera import Intrinsics
+
+SMALL = Intrinsics.from_fov(64, 48, 1.0)
+
+
+def picture(level: int) -> "np.ndarray[tuple[int, ...], np.dtype[np.uint8]]":
+    return np.full((48, 64, 3), level, np.uint8)
+
+
+def video(path: Path, times_s: list[float]) -> Path:
+    with av.open(str(path), "w") as container:
+        stream: Any = container.add_stream("libx264", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        stream.time_base = stream.codec_context.time_base = Fraction(1, 1000)
+        stream.codec_context.thread_count = 1
+        stream.options = {"crf": "5", "tune": "zerolatency"}
+        for k, t_s in enumerate(times_s):
+            frame = av.VideoFrame.from_ndarray(picture(20 * (k % 10) + 20), format="bgr24")
+            frame.pts, frame.time_base = round(t_s * 1000), Fraction(1, 1000)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def folder(path: Path, names: list[str]) -> Path:
+    path.mkdir()
+    for k, name in enumerate(names):
+        cv2.imwrite(str(path / name), picture(20 * (k % 10) + 20))
+    return path
+
+
+def played(file: ImageFile, **more: Any) -> list[CameraReading]:
+    async def play() -> list[CameraReading]:
+        async with RecordedCamera(file=file, intrinsics=SMALL, **more) as source:
+            assert isinstance(source, CameraSource)
+            readings = [reading async for reading in source]
+        assert source.counts.delivered == len(readings)
+        return readings
+
+    return run_virtual(play())
+
+
+def refused(file: ImageFile, words: str, kind: type[Exception] = SourceError) -> None:
+    with pytest.raises(kind, match=words):
+        played(file)
+
+
+def levels(readings: list[CameraReading]) -> list[int]:
+    return [round(float(reading.image_bgr.mean()) / 20) for reading in readings]
+
+
+def test_a_video_plays_at_its_own_times(tmp_path: Path) -> None:
+    readings = played(VideoFile(path=video(tmp_path / "v.mp4", [0.0, 0.1, 0.25])), latency_s=0.05)
+    assert levels(readings) == [1, 2, 3]
+    assert [r.t_s for r in readings] == pytest.approx([0.0, 0.1, 0.25])
+    assert [r.arrived_s for r in readings] == pytest.approx([0.05, 0.15, 0.3])
+    assert [r.seq for r in readings] == [0, 1, 2]
+    assert not any(r.rendered for r in readings)
+
+
+def test_a_folder_plays_in_the_order_of_its_numbers(tmp_path: Path) -> None:
+    path = folder(tmp_path / "images", ["10.png", "9.png", "2.PNG"])
+    (path / "notes.txt").write_text("not an image")
+    readings = played(ImageFolder(path=path, rate_hz=20.0))
+    assert levels(readings) == [3, 2, 1]
+    assert [r.t_s for r in readings] == pytest.approx([0.0, 0.05, 0.1])
+
+
+def test_a_reader_that_is_slow_misses_images_as_with_a_camera(tmp_path: Path) -> None:
+    path = folder(tmp_path / "images", [f"{k}.png" for k in range(10)])
+
+    async def play() -> tuple[list[int], int]:
+        source = RecordedCamera(file=ImageFolder(path=path, rate_hz=10.0), intrinsics=SMALL)
+        seqs = []
+        async with source:
+            async for reading in source:
+                seqs.append(reading.seq)
+                await asyncio.sleep(0.25)
+        return seqs, source.counts.dropped
+
+    seqs, dropped = run_virtual(play())
+    assert seqs == [0, 2, 4, 7, 9]
+    assert dropped == 5
+
+
+def test_playing_twice_gives_the_same(tmp_path: Path) -> None:
+    path = video(tmp_path / "v.mp4", [k / 30 for k in range(10)])
+    first, second = (played(VideoFile(path=path)) for _ in range(2))
+    assert [r.t_s for r in first] == [r.t_s for r in second]
+    assert all(np.array_equal(a.image_bgr, b.image_bgr) for a, b in zip(first, second, strict=True))
+
+
+def test_a_file_that_cannot_be_played_is_refused_in_words(tmp_path: Path) -> None:
+    (tmp_path / "text.mp4").write_text("not a video at all")
+    (tmp_path / "empty").mkdir()
+    broken = folder(tmp_path / "broken", ["1.png"])
+    (broken / "2.png").write_bytes(b"\x89PNG rubbish")
+    refused(VideoFile(path=tmp_path / "none.mp4"), "no such file")
+    refused(VideoFile(path=tmp_path / "text.mp4"), "video that can be decoded")
+    refused(VideoFile(path=tmp_path), "folder|decoded")
+    refused(ImageFolder(path=tmp_path / "none", rate_hz=1), "No such file")
+    refused(ImageFolder(path=tmp_path / "empty", rate_hz=1), "has no image")
+    refused(ImageFolder(path=broken, rate_hz=1), "2.png: cannot be read as an image")
+    with pytest.raises(SourceError, match="rate is 0"):
+        ImageFolder(path=tmp_path, rate_hz=0)
+
+
+def test_a_picture_of_another_size_ends_it(tmp_path: Path) -> None:
+    path = folder(tmp_path / "images", ["1.png", "2.png"])
+    cv2.imwrite(str(path / "3.png"), np.zeros((24, 32, 3), np.uint8))
+    refused(ImageFolder(path=path, rate_hz=5), "images are 32x24", ImageChangedError)
+
+
+def test_a_video_cut_short_ends_or_says_so(tmp_path: Path) -> None:
+    whole = video(tmp_path / "v.mp4", [k / 30 for k in range(30)]).read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(whole[: len(whole) // 2])
+    refused(VideoFile(path=tmp_path / "cut.mp4"), "decoded|broken|ended")
+
+
+def test_closing_waits_for_the_reading_thread(tmp_path: Path) -> None:
+    path = video(tmp_path / "v.mp4", [k / 100 for k in range(50)])
+
+    async def cancelled() -> None:
+        source = RecordedCamera(file=VideoFile(path=path), intrinsics=SMALL)
+        for _ in range(5):
+            async with source:
+                waiting: Coroutine[Any, Any, CameraReading] = anext(source)
+                task = asyncio.ensure_future(waiting)
+                await asyncio.sleep(0)
+                task.cancel()
+            source = RecordedCamera(file=VideoFile(path=path), intrinsics=SMALL)
+
+    asyncio.run(cancelled())
+
+
+# MCAP
+
+JPEG = cv2.imencode(".jpg", picture(60), [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+
+
+def field(number: int, data: bytes) -> bytes:
+    return bytes([number << 3 | 2]) + varint(len(data)) + data
+
+
+def varint(value: int) -> bytes:
+    out = b""
+    while value > 0x7F:
+        out += bytes([value & 0x7F | 0x80])
+        value >>= 7
+    return out + bytes([value])
+
+
+def protobuf(seconds: int, nanoseconds: int, image: bytes = JPEG) -> bytes:
+    stamp = b"\x08" + varint(seconds) + b"\x10" + varint(nanoseconds)
+    return field(1, stamp) + field(4, b"camera") + field(2, image) + field(3, b"jpeg")
+
+
+def json_message(seconds: int, nanoseconds: int, image: bytes = JPEG) -> bytes:
+    stamp = {"sec": seconds, "nsec": nanoseconds}
+    data = base64.b64encode(image).decode()
+    message = {"timestamp": stamp, "frame_id": "camera", "format": "jpeg", "data": data}
+    return json.dumps(message).encode()
+
+
+def ros2(seconds: int, nanoseconds: int, image: bytes = JPEG) -> bytes:
+    head = struct.pack("<iI", seconds, nanoseconds) + struct.pack("<I", 4) + b"cam\0"
+    head += struct.pack("<I", 5) + b"jpeg\0"
+    head += b"\0" * (-len(head) % 4)
+    return b"\0\1\0\0" + head + struct.pack("<I", len(image)) + image
+
+
+def ros1(seconds: int, nanoseconds: int, image: bytes = JPEG) -> bytes:
+    head = struct.pack("<III", 7, seconds, nanoseconds) + struct.pack("<I", 3) + b"cam"
+    return head + struct.pack("<I", 4) + b"jpeg" + struct.pack("<I", len(image)) + image
+
+
+KINDS = {
+    "protobuf": ("foxglove.CompressedImage", "protobuf", protobuf),
+    "json": ("foxglove.CompressedImage", "json", json_message),
+    "ros2": ("sensor_msgs/msg/CompressedImage", "cdr", ros2),
+    "ros1": ("sensor_msgs/CompressedImage", "ros1", ros1),
+}
+
+
+def stamped_mcap(path: Path, stamps_s: list[float], logged_s: list[float]) -> Path:
+    """Write images with these stamps and log times."""
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema_id = writer.register_schema("sensor_msgs/msg/CompressedImage", "x", b"")
+        channel = writer.register_channel("/camera", "cdr", schema_id)
+        for stamp_s, log_s in zip(stamps_s, logged_s, strict=True):
+            message = ros2(int(stamp_s), round(stamp_s % 1.0 * 1e9), JPEG)
+            writer.add_message(channel, round(log_s * 1e9), message, round(log_s * 1e9))
+        writer.finish()  # type: ignore[no-untyped-call]  # of mcap
+    return path
+
+
+def mcap(path: Path, kind: str, topics: list[str], images: list[bytes], **options: Any) -> Path:
+    schema, encoding, encode = KINDS[kind]
+    with path.open("wb") as stream:
+        writer = Writer(stream, **options)
+        writer.start()
+        schema_id = writer.register_schema(schema, "x", b"")
+        for topic in topics:
+            channel = writer.register_channel(topic, encoding, schema_id)
+            for k, image in enumerate(images):
+                message = encode(1000, 200_000_000 * k, image)
+                writer.add_message(channel, log_time=k, data=message, publish_time=k)
+        writer.finish()  # type: ignore[no-untyped-call]  # of mcap
+    return path
+
+
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_mcap_images_play_by_their_own_stamps(kind: str, tmp_path: Path) -> None:
+    path = mcap(tmp_path / "a.mcap", kind, ["/camera"], [JPEG] * 3)
+    readings = played(McapFile(path=path))
+    assert [r.t_s for r in readings] == pytest.approx([0.0, 0.2, 0.4])
+    assert levels(readings) == [3, 3, 3]
+
+
+EPOCH_S = 1_790_000_000.0
+
+
+@pytest.mark.parametrize(
+    ("stamps_s", "offsets_s"),
+    [
+        ([0.0, 0.2, 0.4, 0.6], [0.0, 0.1, 0.3, 0.5]),
+        ([0.0, EPOCH_S + 0.1, EPOCH_S + 0.2, EPOCH_S + 0.35], [0.0, 0.1, 0.2, 0.35]),
+        ([EPOCH_S, 0.0, 0.0, EPOCH_S + 0.3], [0.0, 0.1, 0.2, 0.3]),
+        ([0.0] * 4, [0.0, 0.1, 0.2, 0.3]),
+        ([5.0, 12.0, 19.0, 26.0], [0.0, 7.0, 14.0, 21.0]),
+    ],
+    ids=["simulated", "unset first", "unset later", "never set", "much faster"],
+)
+def test_a_stamp_of_0_loses_no_image(
+    stamps_s: list[float], offsets_s: list[float], tmp_path: Path
+) -> None:
+    """The first one of a simulation's time was taken for a log time: 1 image of 600 was played."""
+    logged_s = [EPOCH_S + 0.1 * k for k in range(4)]
+    readings = played(McapFile(path=stamped_mcap(tmp_path / "a.mcap", stamps_s, logged_s)))
+    assert [r.t_s for r in readings] == pytest.approx(offsets_s, abs=1e-6)
+
+
+def test_a_clock_that_was_set_within_a_recording_is_named(tmp_path: Path) -> None:
+    """The later images would be due in 57 years, and count neither as dropped nor as missed."""
+    logged_s = [EPOCH_S + 0.1 * k for k in range(4)]
+    path = stamped_mcap(tmp_path / "a.mcap", [3.0, 3.1, EPOCH_S, EPOCH_S + 0.1], logged_s)
+    refused(McapFile(path=path), r"the stamp of message 0 is 1\.79e\+09 s after the one before")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"use_chunking": False},
+        {"use_chunking": False, "use_statistics": False, "use_summary_offsets": False},
+        {"use_chunking": False, "repeat_channels": False, "repeat_schemas": False},
+        {"index_types": IndexType.NONE},
+    ],
+    ids=["unchunked", "without statistics", "without a summary", "chunks without an index"],
+)
+def test_a_sound_file_without_an_index_of_chunks_is_read(
+    options: dict[str, Any], tmp_path: Path
+) -> None:
+    path = mcap(tmp_path / "a.mcap", "ros2", ["/left", "/right"], [JPEG] * 3, **options)
+    readings = played(McapFile(path=path, topic="/right"))
+    assert [r.t_s for r in readings] == pytest.approx([0.0, 0.2, 0.4])
+    refused(McapFile(path=path), r"choose one of its image topics.*/left, /right")
+    path.write_bytes(path.read_bytes()[:-40])
+    refused(McapFile(path=path, topic="/right"), "truncated")
+
+
+def test_one_of_several_topics_is_named(tmp_path: Path) -> None:
+    path = mcap(tmp_path / "a.mcap", "protobuf", ["/left", "/right"], [JPEG])
+    assert len(played(McapFile(path=path, topic="/right"))) == 1
+    refused(McapFile(path=path), r"choose one of its image topics.*/left, /right")
+    refused(McapFile(path=path, topic="/front"), r"'/front'.*/left, /right")
+
+
+@pytest.mark.parametrize("name", ["a.mcap", "a.mp4", "a/1.png"])
+def test_a_pointer_of_git_lfs_is_named(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n")
+    file: dict[str, ImageFile] = {
+        "a.mcap": McapFile(path=path),
+        "a.mp4": VideoFile(path=path),
+        "a/1.png": ImageFolder(path=path.parent, rate_hz=10.0),
+    }
+    refused(file[name], "it is a pointer of Git LFS, not the file itself; run `git lfs pull`")
+
+
+def test_a_file_that_is_no_mcap_says_so(tmp_path: Path) -> None:
+    (tmp_path / "b.mcap").write_bytes(b"rubbish" * 100)
+    cut = mcap(tmp_path / "c.mcap", "protobuf", ["/camera"], [JPEG] * 5)
+    cut.write_bytes(cut.read_bytes()[:-700])
+    refused(McapFile(path=tmp_path / "a.mcap"), "No such file")
+    refused(McapFile(path=tmp_path / "b.mcap"), "not an MCAP file")
+    refused(McapFile(path=cut), "truncated")
+    broken = mcap(tmp_path / "d.mcap", "json", ["/camera"], [b"rubbish"])
+    refused(McapFile(path=broken), "cannot be decoded")
+
+
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_decoders_read_what_was_written(kind: str) -> None:
+    schema, encoding, encode = KINDS[kind]
+    decode = decoder_for(schema, encoding)
+    assert decode is not None
+    assert decode(encode(12, 500_000_000)) == CompressedImage(12.5, "jpeg", JPEG)
+    assert decode(encode(0, 0)).stamp_s is None
+
+
+JSON = st.recursive(
+    st.none() | st.integers() | st.text(max_size=5),
+    lambda inner: st.dictionaries(
+        st.sampled_from(["timestamp", "sec", "nsec", "data", "format"]), inner, max_size=4
+    ),
+).map(lambda value: json.dumps(value).encode())
+
+
+@given(kind=st.sampled_from(list(KINDS)), data=st.binary(max_size=80) | JSON)
+def test_decoders_of_garbage_say_so_or_give_bytes(kind: str, data: bytes) -> None:
+    decode = decoder_for(*KINDS[kind][:2])
+    assert decode is not None
+    try:
+        image = decode(data)
+    except BadMessageError:
+        return
+    assert isinstance(image.data, bytes)

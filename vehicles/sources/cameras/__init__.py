@@ -1,1 +1,0 @@
-"""Live and recorded cameras: images from devices, streams and files."""

@@ -1,1 +1,0 @@
-"""Motion capture: poses of bodies from a tracking system."""

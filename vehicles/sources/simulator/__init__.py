@@ -1,1 +1,0 @@
-"""Images from a simulator in another process, and the protocol for it."""
