@@ -128,3 +128,38 @@ def test_the_commands_of_the_image_are_ours_and_their_campaigns_are_there() -> N
         assert callable(function)
         file = str(bound.args[0]).removeprefix("/opt/wil-campaign/")
         assert (ROOT / file).is_file(), words
+
+
+def night_job(kind: str) -> str:
+    """Return a nightly job of docs/cluster.md."""
+    page = (ROOT / "docs" / "cluster.md").read_text("utf-8")
+    found = re.search(rf"<!-- night: {kind} -->\n```\w+\n(.*?)```", page, re.DOTALL)
+    assert found is not None
+    return found[1]
+
+
+@pytest.mark.parametrize("script", [".ci/run", ".ci/run-ray", "slurm"])
+def test_the_scripts_of_ci_and_of_a_night_are_scripts(tmp_path: Path, script: str) -> None:
+    """`.ci/run-ray` runs the latter with a real Ray, each night."""
+    path = tmp_path / "job" if script == "slurm" else ROOT / script
+    if script == "slurm":
+        path.write_text(night_job("slurm"))
+    done = subprocess.run(  # noqa: S603 - our own scripts
+        ["bash", "-n", str(path)],  # noqa: S607
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_all_pods_of_the_kubernetes_night_have_one_image_and_the_token() -> None:
+    spec = yaml.safe_load(night_job("kubernetes"))["spec"]
+    cluster = spec["rayClusterSpec"]
+    pods = [cluster["headGroupSpec"], *cluster["workerGroupSpecs"]]
+    containers = [one["template"]["spec"]["containers"][0] for one in pods]
+    containers.append(spec["submitterPodTemplate"]["spec"]["containers"][0])
+    assert {one["image"] for one in containers} == {"IMAGE"}
+    names = {"RAY_AUTH_MODE", "RAY_AUTH_TOKEN", "RAY_worker_niceness"}
+    assert all({each["name"] for each in one["env"]} == names for one in containers)
+    assert spec["backoffLimit"] == 0, "a campaign is never flown again by itself"
