@@ -4,6 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -65,6 +66,37 @@ class Aircraft:
     overrides: Mapping[str, float]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Firmware:
+    """What a firmware has, and how it differs in services that both have.
+
+    mode_entries: in AVAILABLE_MODES. other_mode: MISSION_CURRENT.mission_mode outside of missions.
+    first_mission_item: 1 where item 0 is home. refused: MAV_RESULT of an arm or disarm command that
+    the checks refuse. set_mode_ack: what acknowledges SET_MODE. gps_time_s: when the GPS receiver
+    has the time of day, s since boot. numbers_texts: gives each STATUSTEXT an id. bytewise: an
+    integer parameter's bits travel in the float field. strict_parameters: see
+    `ParameterService`. serves_parameters: has a file of its parameters. heights_relative: reads the
+    height of a command by its frame, not always as above mean sea level.
+    """
+
+    mav_autopilot: int
+    parameter_file: Path
+    bytewise: bool
+    strict_parameters: bool
+    serves_parameters: bool
+    item_rules: ItemRules
+    first_mission_item: int
+    mode_entries: tuple[discovery.ModeEntry, ...]
+    other_mode: int
+    refused: int
+    set_mode_ack: int
+    heights_relative: bool
+    numbers_texts: bool
+    log_format: type[DataFlash | ULog]
+    first_log: int
+    gps_time_s: float
+
+
 class EmulatedAutopilot(ABC):
     """An emulated autopilot between MAVLink messages and motor thrusts.
 
@@ -74,18 +106,13 @@ class EmulatedAutopilot(ABC):
 
     builders: ClassVar[dict[int, telemetry.Builder]]
     style: ClassVar[FlightStyle]
-    item_rules: ClassVar[ItemRules]
-    mode_entries: ClassVar[tuple[discovery.ModeEntry, ...]]
-    """The modes in AVAILABLE_MODES."""
-    is_px4: ClassVar[bool]
-    """PX4's MAVLink conventions rather than ArduPilot's: parameters, texts, missions."""
-    gps_time_s: ClassVar[float]
-    """When the GPS receiver has the time of day, s since boot."""
+    firmware: ClassVar[Firmware]
 
     def __init__(
         self, aircraft: Aircraft, *, parameters: Parameters, rates_hz: Mapping[int, float]
     ) -> None:
         self.identity = identity = aircraft.identity
+        firmware = self.firmware
         airframe, dt_s = aircraft.airframe, aircraft.dt_s
         self.parameters = parameters
         self.state = State(
@@ -93,23 +120,24 @@ class EmulatedAutopilot(ABC):
         )
         self.flight = Flight(style=self.style, airframe=airframe, dt_s=dt_s, parameters=parameters)
         self.streams = StreamIntervals(rates_hz, shortest_s=dt_s)
-        self.outbox = Outbox(count_all=self.is_px4)
+        self.outbox = Outbox(count_all=firmware.numbers_texts)
         self.fence = EmulatedFence()
         self.missions = mission_service.MissionService(
             send=self.outbox.send,
             accept=self._accept_items,
-            home=None if self.is_px4 else self._home_item,
-            rules=self.item_rules,
+            home=self._home_item if firmware.first_mission_item else None,
+            rules=firmware.item_rules,
             go_to=self._go_to_item,
         )
         self.files = FileService(
-            {} if self.is_px4 else {PARAMETER_FILE: lambda: parameter_file(parameters)}
+            {PARAMETER_FILE: lambda: parameter_file(parameters)}
+            if firmware.serves_parameters
+            else {}
         )
-        log_format = ULog if self.is_px4 else DataFlash
         self.logs = FlightLogs(
             send=self.outbox.send,
-            begin=lambda t_us: log_format(t_us, parameters),
-            first=0 if self.is_px4 else 1,
+            begin=lambda t_us: firmware.log_format(t_us, parameters),
+            first=firmware.first_log,
         )
         self.never_ready = False
         self.refusal: str | None = None
@@ -118,7 +146,7 @@ class EmulatedAutopilot(ABC):
         self._configured = parameters.changes
         self._arrived_s = 0.0
         self._announced_unused: set[str] = set()
-        self._parameter_server = ParameterService(parameters, strict=self.is_px4)
+        self._parameter_server = ParameterService(parameters, strict=firmware.strict_parameters)
         self._commands = marked(type(self), "mav_commands")
         self._messages = marked(type(self), "mav_messages")
         self._requests = marked(type(self), "mav_requests")
@@ -231,7 +259,7 @@ class EmulatedAutopilot(ABC):
 
     def _take_gps_time(self) -> None:
         state = self.state
-        if state.gps_unix_offset_us is not None and state.clock_s >= self.gps_time_s:
+        if state.gps_unix_offset_us is not None and state.clock_s >= self.firmware.gps_time_s:
             state.unix_offset_us = state.gps_unix_offset_us
 
     # Messages that both handle alike.
@@ -316,11 +344,14 @@ class EmulatedAutopilot(ABC):
         """Handle SET_MODE, which old ground stations send."""
         custom = message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         result = self.set_mode(*self._split_mode(message.custom_mode)) if custom else DENIED
-        # PX4 converts it to the command; ArduPilot acknowledges the message id.
-        number = mavlink.MAV_CMD_DO_SET_MODE if self.is_px4 else mavlink.MAVLINK_MSG_ID_SET_MODE
         self.outbox.send(
             mavlink.MAVLink_command_ack_message(
-                number, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
+                self.firmware.set_mode_ack,
+                result,
+                0,
+                0,
+                message.get_srcSystem(),
+                message.get_srcComponent(),
             )
         )
 
@@ -363,7 +394,7 @@ class EmulatedAutopilot(ABC):
     def _request_message(self, command: Command) -> int:
         message_id = command.whole(0)
         if message_id == discovery.AVAILABLE_MODES:
-            modes = discovery.available_modes(self.mode_entries, command.whole(1))
+            modes = discovery.available_modes(self.firmware.mode_entries, command.whole(1))
             for message in modes:
                 self.outbox.send_later(message)
             return ACCEPTED if modes else FAILED

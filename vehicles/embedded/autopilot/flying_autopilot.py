@@ -3,8 +3,7 @@
 import math
 from abc import abstractmethod
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -56,17 +55,14 @@ class StandardModes(NamedTuple, Generic[Mode]):
 class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
     """A flying emulated autopilot with modes of one kind: modes, arming, sticks."""
 
-    parameter_file: ClassVar[Path]
-    mav_autopilot: ClassVar[int]
-    refused: ClassVar[int]
-    """MAV_RESULT of an arm or disarm command that the checks refuse."""
     standard: StandardModes[Mode]
     manoeuvres: Manoeuvres
     follow: Follow
 
     def __init__(self, aircraft: Aircraft, *, rates_hz: Mapping[int, float], mode: Mode) -> None:
+        firmware = self.firmware
         parameters = load_parameters(
-            self.parameter_file, bytewise=self.is_px4, overrides=aircraft.overrides
+            firmware.parameter_file, bytewise=firmware.bytewise, overrides=aircraft.overrides
         )
         super().__init__(aircraft, parameters=parameters, rates_hz=rates_hz)
         self.mode = mode
@@ -123,14 +119,14 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
 
     @on_request(discovery.CURRENT_MODE)
     def _current_mode(self) -> Any:
-        return discovery.current_mode(self.mode_entries, self._custom_mode())
+        return discovery.current_mode(self.firmware.mode_entries, self._custom_mode())
 
     @on_request(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
     def _heartbeat(self) -> Any:
         armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if self.flight.armed else 0
         return mavlink.MAVLink_heartbeat_message(
             mavlink.MAV_TYPE_QUADROTOR,
-            self.mav_autopilot,
+            self.firmware.mav_autopilot,
             self._base_mode() | armed,
             self._custom_mode(),
             self._system_status(),
@@ -172,7 +168,7 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
         fault = self._arming_fault(force=force)
         if fault is not None:
             self.outbox.send_text(CRITICAL, fault)
-            return self.refused
+            return self.firmware.refused
         self.flight.arm(self.t_s)
         self.failsafe = False
         self._begin_flight()
@@ -185,7 +181,7 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
             return ACCEPTED
         if not (self.flight.landed or force):
             self._report_not_landed()
-            return self.refused
+            return self.firmware.refused
         self.stop_motors("external command")
         return ACCEPTED
 
@@ -246,14 +242,11 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
             self._take_setpoint(global_setpoint(message, state.frame, state.home_down_m))
 
     def _place_of(self, command: Command) -> Vec3:
-        """Return a command's position, local; values that are not finite mean the present ones.
-
-        PX4 reads the height as above mean sea level, whatever the frame is.
-        """
+        """Return a command's position, local; values that are not finite mean the present ones."""
         state = self.state
         here = state.frame.to_geodetic(state.now.position_ned_m)
         altitude_m = command.z
-        if command.frame in RELATIVE_ALTITUDE_FRAMES and not self.is_px4:
+        if command.frame in RELATIVE_ALTITUDE_FRAMES and self.firmware.heights_relative:
             altitude_m += state.frame.altitude_m - state.home_down_m
         return state.frame.to_ned(
             command.x if math.isfinite(command.x) else here.latitude_deg,

@@ -2,7 +2,7 @@
 
 import math
 from abc import abstractmethod
-from typing import Any, ClassVar, Generic
+from typing import Any, Generic
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -30,11 +30,6 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
 class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
     """An emulated autopilot that flies uploaded missions."""
 
-    first_mission_item: ClassVar[int]
-    """Index of the user's first item: ArduPilot's item 0 is home."""
-    other_mode: ClassVar[int]
-    """MISSION_CURRENT.mission_mode when no mission is flown."""
-
     mission_begun = False
     mission_complete = False
 
@@ -45,7 +40,7 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
     @property
     def has_mission(self) -> bool:
         """Return whether the autopilot has a user's mission."""
-        return self.state.mission_total > self.first_mission_item
+        return self.state.mission_total > self.firmware.first_mission_item
 
     # Flying.
 
@@ -58,7 +53,7 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
         makers = MissionMakers(self.manoeuvres, self._return_home, self._lift)
         return FlyMission(
             items=self.missions.items(mission_service.MISSION),
-            first=max(self.first_mission_item, state.mission_seq),
+            first=max(self.firmware.first_mission_item, state.mission_seq),
             state=state,
             makers=makers,
             events=self,
@@ -115,12 +110,12 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
             self.state.mission_seq,
             self._mission_total(),
             self._mission_state(in_mode=in_mode),
-            1 if in_mode else self.other_mode,
+            1 if in_mode else self.firmware.other_mode,
         )
 
     def _mission_total(self) -> int:
         """Return the number of the user's mission items, for MISSION_CURRENT."""
-        return max(0, self.state.mission_total - self.first_mission_item)
+        return max(0, self.state.mission_total - self.firmware.first_mission_item)
 
     def _mission_state(self, *, in_mode: bool) -> int:
         if not self.has_mission:
@@ -151,7 +146,7 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
         self.mission_complete = False
         mission = self._flown_mission
         if mission is not None:
-            mission.jump_to(max(seq, self.first_mission_item))
+            mission.jump_to(max(seq, self.firmware.first_mission_item))
         return True
 
     @on_command(mavlink.MAV_CMD_DO_CHANGE_SPEED)

@@ -204,7 +204,7 @@ def stores(kind: int, *places: tuple[int, float, float]) -> Callable[[EmbeddedVe
             home._replace(command=command, frame=3, x=home.x + round(north_m / 0.0111319), z=up_m)
             for command, north_m, up_m in places
         ]
-        first = [home] if kind == MISSION and not autopilot.is_px4 else []
+        first = [home] if kind == MISSION and autopilot.firmware.first_mission_item else []
         autopilot.missions._lists[kind] = (*first, *items)
 
     return store

@@ -248,6 +248,11 @@ NOT_FOR_A_GUARD: tuple[Command, ...] = (
 )
 
 
+def type_name(message: Message) -> str:
+    """Return a message's id in a test's name: the same in each worker."""
+    return type(message).__name__
+
+
 class Wired:
     """A remote guard and the process of a guard; the bytes of the one go to the other at once."""
 
@@ -289,7 +294,7 @@ def test_the_commands_here_are_all_that_there_are() -> None:
     assert {type(command) for command in COMMANDS} == set(get_args(Command))
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: type(command).__name__)
+@pytest.mark.parametrize("command", COMMANDS, ids=type_name)
 def test_a_command_is_executed_by_the_guards_process_as_it_was_sent(
     wired: Wired, command: Command
 ) -> None:
@@ -302,14 +307,14 @@ def test_a_command_is_executed_by_the_guards_process_as_it_was_sent(
     assert wired.waited == [type(command)] * isinstance(command, Alive), "no other command waits"
 
 
-@pytest.mark.parametrize("command", NOT_FOR_A_GUARD, ids=lambda command: type(command).__name__)
+@pytest.mark.parametrize("command", NOT_FOR_A_GUARD, ids=type_name)
 def test_a_command_for_others_is_noted_and_not_executed(wired: Wired, command: Command) -> None:
     wired.remote.send(command)
     assert wired.executed == []
     assert wired.notes == [f"refused: {type(command).__name__} is not expected in this state"]
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: type(command).__name__)
+@pytest.mark.parametrize("command", COMMANDS, ids=type_name)
 def test_a_guard_that_has_not_opened_its_links_executes_nothing(
     wired: Wired, command: Command
 ) -> None:
@@ -331,7 +336,7 @@ def test_the_guards_process_tells_its_clock_how_far_the_orchestrator_is(wired: W
 @pytest.mark.parametrize(
     "message",
     [OrchestratorEnded(), VehicleGone("twin", ""), ClocksApart("twin", "")],
-    ids=lambda command: type(command).__name__,
+    ids=type_name,
 )
 def test_what_a_guards_process_finds_itself_comes_from_no_orchestrator(message: Message) -> None:
     with pytest.raises(MessageError):

@@ -74,7 +74,7 @@ class BareAutopilot:
 
     def hover(self) -> None:
         """Become ready, arm, take off, and be 3 m high."""
-        px4 = self.autopilot.is_px4
+        px4 = self.autopilot.firmware.bytewise
         self.run(READY_S["px4" if px4 else "ardupilot"])
         if not px4:
             assert self.command(176, 1, 4) == 0

@@ -85,7 +85,7 @@ def bare(request: pytest.FixtureRequest) -> BareAutopilot:
 
 
 def test_the_vehicle_announces_once_that_a_parameter_has_no_effect(bare: BareAutopilot) -> None:
-    without, with_effect = EFFECTS["px4" if bare.autopilot.is_px4 else "ardupilot"]
+    without, with_effect = EFFECTS["px4" if bare.autopilot.firmware.bytewise else "ardupilot"]
     assert set_parameter(bare, with_effect, 3.0) == []
     assert set_parameter(bare, without, bare.autopilot.parameters[without]) == []
     assert set_parameter(bare, without, 2.0) == [f"{without} has no effect in this emulation"]

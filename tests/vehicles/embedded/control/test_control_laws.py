@@ -27,7 +27,8 @@ finite = st.floats(-100.0, 100.0)
 
 def parameters(kind: LawKind, **overrides: float) -> Parameters:
     core: Any = Px4Core if kind is PX4 else CopterCore
-    return load_parameters(core.parameter_file, bytewise=core.is_px4, overrides=overrides)
+    firmware = core.firmware
+    return load_parameters(firmware.parameter_file, bytewise=firmware.bytewise, overrides=overrides)
 
 
 def defaults_of(kind: LawKind, table: Parameters) -> dict[str, float]:

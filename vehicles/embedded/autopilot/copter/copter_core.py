@@ -16,7 +16,7 @@ from wil_campaign.vehicles.embedded.autopilot.copter.copter_modes import (
     CopterMode,
     copter_mode,
 )
-from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft
+from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft, Firmware
 from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import FlightStyle
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
@@ -25,7 +25,6 @@ from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
     ReturnHome,
     speed_limits,
 )
-from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import ItemRules
 from wil_campaign.vehicles.embedded.autopilot.flight.sticks import StickLimits
 from wil_campaign.vehicles.embedded.autopilot.flying_autopilot import StandardModes
 from wil_campaign.vehicles.embedded.autopilot.mission_autopilot import MissionAutopilot
@@ -37,7 +36,7 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     Command,
     on_request,
 )
-from wil_campaign.vehicles.embedded.autopilot.services.discovery import ModeEntry
+from wil_campaign.vehicles.embedded.autopilot.services.log_formats import DataFlash
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import EMERGENCY, INFO, WARNING
 from wil_campaign.vehicles.embedded.control.law import COPTER
 
@@ -45,15 +44,24 @@ from wil_campaign.vehicles.embedded.control.law import COPTER
 class CopterCore(MissionAutopilot[CopterMode]):
     """ArduCopter's modes and arming; subclasses handle setpoints, missions and failsafes."""
 
-    is_px4: ClassVar[bool] = False
-    item_rules: ClassVar[ItemRules] = RULES
-    mode_entries: ClassVar[tuple[ModeEntry, ...]] = ENTRIES
-    mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
-    parameter_file: ClassVar[Path] = Path(__file__).with_name("copter_parameters.yaml")
-    first_mission_item: ClassVar[int] = 1
-    other_mode: ClassVar[int] = 0
-    gps_time_s: ClassVar[float] = boot.GPS_S
-    refused: ClassVar[int] = FAILED
+    firmware: ClassVar[Firmware] = Firmware(
+        mav_autopilot=mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
+        parameter_file=Path(__file__).with_name("copter_parameters.yaml"),
+        bytewise=False,
+        strict_parameters=False,
+        serves_parameters=True,
+        item_rules=RULES,
+        first_mission_item=1,
+        mode_entries=ENTRIES,
+        other_mode=0,
+        refused=FAILED,
+        set_mode_ack=mavlink.MAVLINK_MSG_ID_SET_MODE,
+        heights_relative=True,
+        numbers_texts=False,
+        log_format=DataFlash,
+        first_log=1,
+        gps_time_s=boot.GPS_S,
+    )
     standard = StandardModes(CopterMode.AUTO, CopterMode.RTL, CopterMode.LAND)
     builders: ClassVar[dict[int, telemetry.Builder]] = telemetry.COMMON | copter_telemetry.BUILDERS
     style: ClassVar[FlightStyle] = FlightStyle(

@@ -119,7 +119,7 @@ class CopterGuided(CopterCore):
 
     def _go_to_item(self, item: Item) -> int:
         """Fly ArduCopter to a guided item, in GUIDED and in the air."""
-        rules = self.item_rules
+        rules = self.firmware.item_rules
         placed = item_fault(mission_service.MISSION, item, rules) == mission_service.ACCEPTED
         if not placed or item.command != mavlink.MAV_CMD_NAV_WAYPOINT:
             return int(mavlink.MAV_MISSION_INVALID)

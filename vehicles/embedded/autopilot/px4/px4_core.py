@@ -6,11 +6,10 @@ from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft
+from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft, Firmware
 from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import FlightStyle
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, speed_limits
-from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import ItemRules
 from wil_campaign.vehicles.embedded.autopilot.flight.sticks import StickLimits
 from wil_campaign.vehicles.embedded.autopilot.flying_autopilot import StandardModes
 from wil_campaign.vehicles.embedded.autopilot.mission_autopilot import MissionAutopilot
@@ -26,7 +25,7 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     Command,
     on_request,
 )
-from wil_campaign.vehicles.embedded.autopilot.services.discovery import ModeEntry
+from wil_campaign.vehicles.embedded.autopilot.services.log_formats import ULog
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, EMERGENCY, INFO
 from wil_campaign.vehicles.embedded.control.law import PX4
 
@@ -48,15 +47,24 @@ _PREARM_BIT_OFF_S = 0.18
 class Px4Core(MissionAutopilot[Px4Mode]):
     """PX4's modes and arming; the subclass handles setpoints, missions and failsafes."""
 
-    is_px4: ClassVar[bool] = True
-    item_rules: ClassVar[ItemRules] = RULES
-    mode_entries: ClassVar[tuple[ModeEntry, ...]] = ENTRIES
-    mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_PX4
-    parameter_file: ClassVar[Path] = Path(__file__).with_name("px4_parameters.yaml")
-    first_mission_item: ClassVar[int] = 0
-    other_mode: ClassVar[int] = 2
-    gps_time_s: ClassVar[float] = 0.0
-    refused: ClassVar[int] = TEMPORARILY_REJECTED
+    firmware: ClassVar[Firmware] = Firmware(
+        mav_autopilot=mavlink.MAV_AUTOPILOT_PX4,
+        parameter_file=Path(__file__).with_name("px4_parameters.yaml"),
+        bytewise=True,
+        strict_parameters=True,
+        serves_parameters=False,
+        item_rules=RULES,
+        first_mission_item=0,
+        mode_entries=ENTRIES,
+        other_mode=2,
+        refused=TEMPORARILY_REJECTED,
+        set_mode_ack=mavlink.MAV_CMD_DO_SET_MODE,  # PX4 converts it to the command
+        heights_relative=False,
+        numbers_texts=True,
+        log_format=ULog,
+        first_log=0,
+        gps_time_s=0.0,
+    )
     standard = StandardModes(Px4Mode.MISSION, Px4Mode.RTL, Px4Mode.LAND)
     builders: ClassVar[dict[int, telemetry.Builder]] = telemetry.COMMON | px4_telemetry.BUILDERS
     style: ClassVar[FlightStyle] = FlightStyle(

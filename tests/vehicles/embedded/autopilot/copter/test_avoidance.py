@@ -19,7 +19,7 @@ from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import load
 def avoidance(**changed: float) -> SimpleAvoidance:
     overrides = {"PRX1_TYPE": 2.0, "AVOID_MARGIN": 1.0, **changed}
     return SimpleAvoidance(
-        load_parameters(CopterCore.parameter_file, bytewise=False, overrides=overrides)
+        load_parameters(CopterCore.firmware.parameter_file, bytewise=False, overrides=overrides)
     )
 
 

@@ -32,7 +32,9 @@ SOUND = View(
 
 def failsafes(**parameters: float) -> Failsafes:
     overrides = {"COM_FAIL_ACT_T": 0.0, **parameters}
-    return Failsafes(load_parameters(Px4.parameter_file, bytewise=True, overrides=overrides))
+    return Failsafes(
+        load_parameters(Px4.firmware.parameter_file, bytewise=True, overrides=overrides)
+    )
 
 
 def test_a_lost_link_does_not_end_a_landing_that_the_user_commanded() -> None:
