@@ -43,6 +43,7 @@ from wil_campaign.plugins.mqtt.broker_address import BrokerAddress
 from wil_campaign.plugins.mqtt.message_signing import signed_command
 from wil_campaign.plugins.mqtt.mqtt_operator import MqttSecrets, mqtt_operating
 from wil_campaign.plugins.mqtt.mqtt_setup import MqttSetup
+from wil_campaign.safety.guard.core.commands import BringDown
 from wil_campaign.safety.guard.core.events import GuardSettings
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
 from wil_campaign.safety.model.samples import PoseSample
@@ -104,7 +105,7 @@ async def guarded(folder: Path) -> AsyncIterator[tuple[RemoteGuard, Wire]]:
         await is_received.wait()
         await asyncio.sleep(0.3)
         yield guard, wires[0]
-        guard.bring_down("measured")
+        guard.send(BringDown("measured"))
         await guard.all_down(15.0)
 
 

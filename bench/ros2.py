@@ -1,10 +1,11 @@
 """A ROS 2 node over zenoh: from an image's publication to the setpoint that answers it.
 
-    python -m bench.ros2 [--images N] [--hz N] [--size WxH] [--flight]
+    python -m bench.ros2 [--images N] [--hz N] [--size WxH] [--flight] [--scenarios virtual|wall]
 
 The node is a process of its own that reads each image whole and answers it with a TwistStamped of
 its stamp. The bridge is what a run has: the message is made, counted and published, and setpoints
 come into its inbox. --flight: also fly the campaign of `init --ros2` on the virtual clock.
+--scenarios: in place of all that, fly the shipped campaigns by nodes that know topics alone.
 """
 
 import argparse
@@ -136,17 +137,60 @@ def flight() -> bool:
     return min(paces) >= WANTED_PACE
 
 
+SCENARIOS = (
+    ("gate", "large", "gate:GateAutonomy", {"speed_m_s": 0.8}),
+    ("follow", "walk", "follow:FollowAutonomy", {}),
+    ("avoid", "slow", "avoid:AvoidAutonomy", {}),
+)
+"""Campaign, case, and the autonomy with its parameters."""
+
+
+def scenarios(clock: str) -> bool:
+    """Fly gate, follow and avoid in sim and wil; print verdicts, paces and what was heard."""
+    root = Path(__file__).parents[1]
+    verdicts = []
+    for name, case, autonomy, parameters in SCENARIOS:
+        node = [sys.executable, "-P", str(root / "bench/ros2_node.py")]
+        command = [*node, f"wil_campaign.campaigns.autonomies.{autonomy}"]
+        ros2: dict[str, object] = {
+            "command": command,
+            "needs": ["/camera/image_raw"],
+            "start_s": 120,
+        }
+        if clock == "virtual":
+            ros2["barrier"] = {"topics": ["/camera/image_raw", "/odom"], "timeout_s": 25}
+        flown = {"ros2": ros2, "with": parameters}
+        for mode in ("sim", "wil"):
+            with tempfile.TemporaryDirectory() as folder:
+                sets = ("controls={}", f"autonomy={json.dumps(flown)}", "record.video=never")
+                run = [sys.executable, "-m", "wil_campaign", "run", f"{root}/campaigns/{name}.yaml"]
+                chosen = ["--case", case, "--mode", mode, "--repetitions", "1", "--out", folder]
+                given = [word for one in sets for word in ("--set", one)]
+                words = [*run, *chosen, "--clock", clock, *given]
+                subprocess.run(words, check=False, stdout=subprocess.DEVNULL)  # noqa: S603
+                (result,) = Path(folder).glob(f"*/*/{case}/{mode}/1/result.json")
+                found = json.loads(result.read_text("utf-8"))
+            verdicts.append(found["verdict"])
+            pace = (found["duration_s"] or 0.0) / found["wall_s"]
+            text = f"{found['verdict']} {found['reason']}".rstrip()
+            print(f"{name}, {mode}, {clock} clock: {text}; {pace:.1f} flown s a wall s", flush=True)
+    return set(verdicts) == {"PASS"}
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--images", type=int, default=10_000)
     parser.add_argument("--hz", type=float, default=30.0)
     parser.add_argument("--size", default="640x480")
     parser.add_argument("--flight", action="store_true")
+    parser.add_argument("--scenarios", choices=("virtual", "wall"))
     parser.add_argument("--node", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.node:
         node()
         return 0
+    if given.scenarios:
+        return 0 if scenarios(given.scenarios) else 1
     width, height = map(int, given.size.split("x"))
     is_good = images(given.images, given.hz, width, height)
     if given.flight:

@@ -1,14 +1,22 @@
-"""Builds docs/api.md, the page of what files of users import, from the docstrings.
+"""Builds the pages that the code states: docs/api.md and docs/lists.md.
 
-The modules are read, not imported, so that the page is the same on every Python. It is a hook of
-mkdocs.yml too: the site has this page, and names files of the repository that are no pages.
+api.md, what files of users import, is made from the docstrings; the modules are read, not imported,
+so that the page is the same on every Python. lists.md is what `wil-campaign list` and the help of
+each command print. It is a hook of mkdocs.yml too: the site has these pages, and names files of the
+repository that are no pages.
 """
 
 import ast
+import contextlib
 import inspect
+import io
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
+
+from wil_campaign.orchestrator.cli import all_commands
+from wil_campaign.orchestrator.cli import main as run_command
 
 ROOT = Path(__file__).parents[1]
 API = ROOT / "docs" / "api.md"
@@ -33,6 +41,9 @@ TITLES: dict[str, tuple[str, ...]] = {
     "Poses and frames": ("wil_campaign.worlds.frames", "wil_campaign.vehicles.poses"),
 }
 """Titles of api.md, each with the modules or packages from which wil_campaign.api has its names."""
+LISTS_HEAD = """# Lists that the program prints
+This page is made by `python docs/generate.py`, which runs the commands.
+"""
 OF_RECORDINGS = "Recording Recorded RecordedReading RecordedProvenance RecordedEvent"
 
 
@@ -160,9 +171,55 @@ def api() -> str:
     return "\n".join(parts)
 
 
+LISTS = ROOT / "docs" / "lists.md"
+LISTED = {
+    "oracles": "Oracles, and the keys of each",
+    "signals": "Signals of formulas",
+    "operators": "Steps of recipes, and the parameters of each",
+    "autonomies": "Autonomies that come with the program",
+}
+LIMITS = "wil_campaign.foundation.files.limits"
+
+
+def limits() -> str:
+    """Return the limits of files as a table."""
+    rows = [
+        f"| `{node.targets[0].id}` | {eval(ast.unparse(node.value)):,} | {_joined(stated(after))} |"  # noqa: S307 - numbers of ours
+        for node, after in zip(module_tree(LIMITS).body, module_tree(LIMITS).body[1:], strict=False)
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)
+    ]
+    return "\n".join(["| limit | value | of |", "|---|---|---|", *rows])
+
+
+def lists() -> str:
+    """Return lists.md, as the commands print it."""
+    parts = [LISTS_HEAD]
+    for word, title in LISTED.items():
+        parts.append(f"## {title}\n`wil-campaign list {word}`\n\n{_printed('list', word)}")
+    parts.append(f"## Limits of files\n{limits()}\n")
+    parts.append("## Options of every command")
+    names = sorted(all_commands())
+    parts += [f"### {name}\n{_printed(*name.split(), '--help')}" for name in names]
+    return "\n".join(parts)
+
+
+def _printed(*arguments: str) -> str:
+    """Return what a command prints, as a block of code."""
+    os.environ["COLUMNS"] = "100"
+    shown = io.StringIO()
+    with contextlib.redirect_stdout(shown):
+        run_command(list(arguments))
+    return f"```text\n{shown.getvalue().rstrip()}\n```\n"
+
+
+def _joined(text: str) -> str:
+    return " ".join(text.split())
+
+
 def main() -> None:
-    """Write the page."""
+    """Write the pages."""
     API.write_text(api(), "utf-8")
+    LISTS.write_text(lists(), "utf-8")
 
 
 def on_pre_build(**_: object) -> None:

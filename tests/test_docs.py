@@ -4,12 +4,9 @@ import importlib
 import os
 import re
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TypeGuard, get_args
 
 import pytest
-from pydantic import BaseModel
 
 import wil_campaign.api
 from docs import generate
@@ -23,7 +20,6 @@ from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.model.recipe import Recipe
 from wil_campaign.recipes.model.registry import STAGES, StepType, steps
 from wil_campaign.recipes.pipeline.pipeline import compile_recipe
-from wil_campaign.vehicles.embedded.profile import Profile
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -135,8 +131,9 @@ def test_the_own_step_on_the_page_works(tmp_path: Path) -> None:
     assert (mixed.image_bgr == 90).all()
 
 
-CAPABILITIES = (DOCS / "capabilities.md").read_text(encoding="utf-8")
-SAFETY = (DOCS / "safety.md").read_text(encoding="utf-8")
+DECISIONS = DOCS / "decisions"
+CAPABILITIES = (DECISIONS / "0065-what-the-paper-describes.md").read_text(encoding="utf-8")
+SAFETY = (DECISIONS / "0066-barriers-and-their-tests.md").read_text(encoding="utf-8")
 NAMED = sorted(set(re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", CAPABILITIES + SAFETY)))
 
 
@@ -154,6 +151,20 @@ def test_every_barrier_names_a_test() -> None:
     assert len(told) > 20
     for row in told:
         assert re.search(r"\| `tests/[\w/]+\.py::test_\w+`[^|]*\|[^|]*\|$", row), row
+
+
+def test_every_difference_of_the_embedded_vehicles_names_its_tests() -> None:
+    page = (DOCS / "vehicle.md").read_text(encoding="utf-8")
+    _, _, section = page.partition("## Where it differs from the firmwares\n")
+    rows = [line for line in section.splitlines() if line.startswith("|")]
+    told = [row for row in rows if not row.startswith(("|---", "| feature", "| where the two"))]
+    assert len(told) > 30
+    sources = "".join(path.read_text() for path in (ROOT / "tests/vehicles").rglob("test_*.py"))
+    there = set(re.findall(r"^(?:async )?def (test_\w+)\(", sources, re.MULTILINE))
+    for row in told:
+        named = re.findall(r"`(test_\w+)`", row.rpartition("| ")[2])
+        assert named, row
+        assert set(named) <= there, row
 
 
 @pytest.mark.parametrize(("file", "name"), NAMED, ids=[name for _, name in NAMED])
@@ -183,7 +194,7 @@ def test_the_page_is_read_in_one_sitting() -> None:
     "path",
     sorted(
         set(re.findall(r"`((?:[a-z]\w*/)+(?:\w+\.\w+)?)`", ARCHITECTURE + CONTRIBUTING))
-        - {"docs/", "docs/api.md"}
+        - {"docs/", "docs/api.md", "docs/lists.md"}
     ),
 )
 def test_a_file_that_a_page_names_is_there(path: str) -> None:
@@ -263,36 +274,20 @@ def test_the_page_of_commands_has_every_command_and_no_other() -> None:
     assert named == {name for name in all_commands() if " " not in name}
 
 
-def test_the_page_on_security_has_every_limit() -> None:
-    page = (ROOT / "docs" / "security.md").read_text("utf-8")
+def test_the_page_of_lists_has_every_limit() -> None:
+    page = generate.limits()
     named = {name: value for name, value in vars(limits).items() if name.startswith("MAX_")}
     assert len(named) > 5
     for name, value in named.items():
         assert f"| `{name}` | {value:,} |" in page
 
 
-def test_the_page_of_files_has_every_key_of_profiles_every_column_and_every_extra() -> None:
+def test_the_page_of_files_has_every_column_and_every_extra() -> None:
     page = (DOCS / "files.md").read_text("utf-8")
     assert [name for name in COLUMNS if f"`{name}`" not in page] == []
-    assert [name for name in _profile_keys(Profile, "") if f"`{name}`" not in page] == []
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     for extra in {*project["optional-dependencies"]} - {"dev", "test"}:
         assert f"| `{extra}` |" in page
-
-
-def _profile_keys(part: type[BaseModel], prefix: str) -> Iterator[str]:
-    """The keys of a profile file, with those of its parts."""
-    for name, field in part.model_fields.items():
-        key = prefix + (field.alias or name)
-        inner = [one for one in (field.annotation, *get_args(field.annotation)) if _is_part(one)]
-        if inner:
-            yield from _profile_keys(inner[0], f"{key}.")
-        else:
-            yield key
-
-
-def _is_part(one: object) -> TypeGuard[type[BaseModel]]:
-    return isinstance(one, type) and issubclass(one, BaseModel)
 
 
 def test_the_glossary_is_sorted_and_the_index_has_every_page() -> None:

@@ -197,6 +197,20 @@ class ProblemFormat:
 
 
 @dataclass(frozen=True, slots=True)
+class RecordingFormat:
+    """A form of other tools in which campaigns have their runs recorded, too (`record.also`).
+
+    name: of the form. trouble: a function that returns why it cannot be written here; "" where it
+    can. write: a function of a run's folder, with its recording and its result, and of what has to
+    be called now and then; it returns the name of the file that it made there.
+    """
+
+    name: str
+    trouble: str
+    write: str
+
+
+@dataclass(frozen=True, slots=True)
 class AutonomyKind:
     """A kind of autonomy that is no class of Python; it has a runner, or is called as a class is.
 
@@ -275,6 +289,19 @@ class ReportSection:
 
     name: one word. section: a function of the results folder and of what was read of its documents
     (`CampaignDocuments`), which returns a `Section`. It may be called in a process of its own.
+    """
+
+    name: str
+    section: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunSection:
+    """A section of the page of a run in the report, after its images.
+
+    name: one word. section: a function of the results folder and of what was read of the run
+    (`RunReport`), which returns a `Section`; of that `html` and `problems` are used. It may be
+    called in a process of its own.
     """
 
     name: str
@@ -491,6 +518,11 @@ def problem_formats() -> Sequence[ProblemFormat]:  # type: ignore[empty-body]
 
 
 @_hook
+def recording_formats() -> Sequence[RecordingFormat]:  # type: ignore[empty-body]
+    """Return forms of other tools for recordings, besides run.mcap."""
+
+
+@_hook
 def starters() -> Sequence[Starter]:  # type: ignore[empty-body]
     """Return what campaigns are made of, other than the template."""
 
@@ -503,3 +535,8 @@ def starter_options() -> Sequence[StarterOption]:  # type: ignore[empty-body]
 @_hook
 def report_sections() -> Sequence[ReportSection]:  # type: ignore[empty-body]
     """Return sections of the report of a campaign."""
+
+
+@_hook
+def run_sections() -> Sequence[RunSection]:  # type: ignore[empty-body]
+    """Return sections of the page of a run in the report."""

@@ -13,6 +13,7 @@ from pydantic import (
     field_validator,
     model_validator,
 )
+from pydantic_core import PydanticKnownError
 
 from wil_campaign.campaigns.schema.actors import ActorPart
 from wil_campaign.campaigns.schema.autonomy import AutonomyPart, autonomy_model
@@ -30,7 +31,7 @@ from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
 from wil_campaign.campaigns.values.acceptance import DECIDED, parse_share
 from wil_campaign.campaigns.values.wanted_firmware import FIRMWARE, check_version, names_versions
 from wil_campaign.foundation.files.documents import KeyFaultError, Part
-from wil_campaign.hooks import campaign_keys, run_observers
+from wil_campaign.hooks import campaign_keys, recording_formats, run_observers
 from wil_campaign.installed_plugins import absent, added, load
 
 Mode = Literal["sim", "wil", "real"]
@@ -168,6 +169,17 @@ _ACCEPTS_NOTHING = (
 ImageFormat = Literal["jpeg", "png", "raw", "none"]
 
 
+def _recording_format(name: str) -> str:
+    """Refuse a form of recordings that there is not, or that cannot be written here."""
+    if why := absent(recording_formats).get(name):
+        raise ValueError(why)
+    if name not in (known := added(recording_formats)):
+        raise PydanticKnownError("literal_error", {"expected": " or ".join(map(repr, known))})
+    if why := load(known[name].trouble)():
+        raise ValueError(why)
+    return name
+
+
 class RecordPart(Part):
     """The campaign's `record`: image encoding of run.mcap; raw and png replay exactly.
 
@@ -176,7 +188,8 @@ class RecordPart(Part):
     missing, beyond which the run is INVALID; nothing may be missing that decides the verdict.
     pictures: how images are encoded in run.mcap; none records no images. video: of which runs
     mixed.mp4 is made of the recorded images after the landing: of those that went wrong and the
-    first of each case and mode (failed), of all, or of none.
+    first of each case and mode (failed), of all, or of none. also: forms of other tools in which
+    each run is written, too, after the landing.
     """
 
     pictures: ImageFormat = "jpeg"
@@ -184,6 +197,7 @@ class RecordPart(Part):
     quality: Annotated[int, Field(ge=1, le=100)] = 85
     vehicle_logs: bool = False
     max_loss: Annotated[float, Field(ge=0, le=1)] = 0.01
+    also: list[Annotated[str, AfterValidator(_recording_format)]] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _has_images_for_its_video(self) -> Self:

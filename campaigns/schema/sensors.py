@@ -142,8 +142,11 @@ class CameraPart(ImagePart):
         )
 
 
-class DepthPart(ImagePart):
-    """A depth camera sensor: stereo or time of flight."""
+class DepthPart(ImagePart, SourcedPart):
+    """A depth camera sensor: stereo or time of flight.
+
+    source: where its readings come from; by default they are rendered.
+    """
 
     type: Literal["depth"]
 

@@ -15,7 +15,7 @@ from wil_campaign.campaigns.values.external_setups import (
     SourceKind,
     SourceSetup,
 )
-from wil_campaign.campaigns.values.sensor_setups import OtherSetup, SensorSetup
+from wil_campaign.campaigns.values.sensor_setups import OtherSetup, SensorSetup, SourcedSetup
 from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.foundation.files.paths import exists, is_folder
 from wil_campaign.hooks import image_sources, motion_captures, sources
@@ -190,8 +190,8 @@ class ReadingSourcePart(Part):
         if self.address.endswith(".mcap") and "://" not in self.address:
             return _installed_kind("mcap")
         scheme, is_scheme, _ = self.address.partition("://")
-        if is_scheme and scheme in of_plugins:
-            return scheme
+        if is_scheme and scheme in {*of_plugins, *absent(sources)}:
+            return _installed_kind(scheme)
         fault = "must be mavlink, tcp://HOST:PORT (a ZeroMQ publisher), or an MCAP file (.mcap)"
         fault += "".join(f", or {source.addresses}" for source in of_plugins.values())
         raise KeyFaultError("address", f"'{self.address}' {fault}")
@@ -248,7 +248,7 @@ class SourcedPart(CarriedPart):
 
     source: ReadingSourcePart | None = None
 
-    def setup(self, name: str) -> OtherSetup:
+    def setup(self, name: str) -> SourcedSetup:
         """Return the setup of the sensor, without its source."""
         if not isinstance(self, SensorOptions):
             raise TypeError(f"{type(self).__name__} has no options of a sensor")
@@ -271,7 +271,9 @@ class SourcedPart(CarriedPart):
         kind = self.type
         there, wanted = MESSAGES.get(kind, ()), self.source.message
         if kind != "pose" and not there:
-            fault = f"MAVLink has no message with readings of a {kind}: use tcp:// or an MCAP file"
+            fault = (
+                f"MAVLink has no message with readings of type {kind}: use tcp:// or an MCAP file"
+            )
             raise KeyFaultError(("source", "address"), fault)
         if wanted is not None and wanted not in there:
             known = ", ".join(there) or "none, for it is the vehicle's estimate"

@@ -7,7 +7,7 @@ from pathlib import Path
 from wil_campaign.campaigns.schema import CameraPart, VehicleName, VehiclePart
 from wil_campaign.campaigns.schema.calibration import CalibrationPart, read_calibration
 from wil_campaign.campaigns.schema.sources import SourcedPart
-from wil_campaign.campaigns.values.sensor_setups import CameraSetup, OtherSetup, SensorSetup
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, SensorSetup, SourcedSetup
 from wil_campaign.foundation.files.documents import BadInput, Document, KeyFaultError, Problem, load
 from wil_campaign.foundation.files.documents import Path as KeyPath
 from wil_campaign.foundation.files.paths import exists
@@ -37,7 +37,7 @@ def sensor_setups(
 
 
 def _sourced(
-    campaign: Document, vehicle: VehiclePart, part: SourcedPart, setup: OtherSetup
+    campaign: Document, vehicle: VehiclePart, part: SourcedPart, setup: SourcedSetup
 ) -> SensorSetup:
     if part.source is None:
         return setup

@@ -30,7 +30,7 @@ from wil_campaign.campaigns.values.external_setups import (
     PoseSource,
     ReadingSourceSetup,
 )
-from wil_campaign.campaigns.values.sensor_setups import CameraSetup, OtherSetup, SensorSetup
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, SensorSetup, SourcedSetup
 from wil_campaign.foundation.files.documents import (
     BadInput,
     Document,
@@ -182,12 +182,12 @@ class VehicleSetup(FlownSetup):
         return tuple(one for one in self.sensors if isinstance(one, CameraSetup))
 
     @property
-    def sourced(self) -> tuple[tuple[OtherSetup, ReadingSourceSetup], ...]:
+    def sourced(self) -> tuple[tuple[SourcedSetup, ReadingSourceSetup], ...]:
         """Return the sensors, except cameras, whose readings are external, each with its source."""
         return tuple(
             (one, one.source)
             for one in self.sensors
-            if isinstance(one, OtherSetup) and one.source is not None
+            if not isinstance(one, CameraSetup) and one.source is not None
         )
 
 

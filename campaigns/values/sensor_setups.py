@@ -27,7 +27,7 @@ class CameraSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthSetup:
-    """The setup of a vehicle's depth camera."""
+    """The setup of a vehicle's depth camera. source: None: rendered."""
 
     kind: ClassVar[str] = "depth"
 
@@ -35,6 +35,7 @@ class DepthSetup:
     rate_hz: float
     intrinsics: Intrinsics
     mount: CameraMount
+    source: ReadingSourceSetup | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,6 +59,8 @@ class OtherSetup:
 
 
 SensorSetup = CameraSetup | DepthSetup | OtherSetup
+SourcedSetup = DepthSetup | OtherSetup
+"""A sensor whose readings may be external, by a ReadingSourceSetup."""
 Options = TypeVar("Options", bound=SensorOptions)
 
 

@@ -2,11 +2,7 @@
 
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.campaigns.setup.case_setup import VehicleSetup
-from wil_campaign.campaigns.values.sensor_setups import (
-    CameraSetup,
-    DepthSetup,
-    SensorSetup,
-)
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, SensorSetup
 from wil_campaign.orchestrator.model.campaign_results import SensorKind
 
 _REAL_FIRST: tuple[SensorKind, ...] = ("live", "file", "rendered", "synthesised")
@@ -32,7 +28,7 @@ def _sensor_kind(vehicle: VehicleSetup, sensor: SensorSetup) -> SensorKind | Non
     """
     if isinstance(sensor, CameraSetup):
         return "rendered" if sensor.source is None else sensor.source.shown_as
-    if not isinstance(sensor, DepthSetup) and sensor.source is not None:
+    if sensor.source is not None:
         return sensor.source.shown_as
     if vehicle.name != "real" or vehicle.embedded:
         return None

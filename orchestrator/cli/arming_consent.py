@@ -48,6 +48,10 @@ class RefusedError(Exception):
         self.code = code
 
 
+class NotConfirmedError(RefusedError):
+    """The person at the terminal did not consent."""
+
+
 def clear(campaign: Campaign, options: FlightOptions) -> Cleared:
     """Settle clock and jobs, identify attached vehicles, and get the consent to arm."""
     if options.engine == LOCAL and find_spec("jsbsim") is None:
@@ -285,4 +289,4 @@ def _require_answer(question: str, answers: Collection[str]) -> None:
     sys.stderr.write(question)
     sys.stderr.flush()
     if sys.stdin.readline().strip().lower() not in answers:
-        raise RefusedError("not confirmed; nothing was armed", REFUSED)
+        raise NotConfirmedError("not confirmed; nothing was armed", REFUSED)

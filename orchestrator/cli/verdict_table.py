@@ -47,7 +47,8 @@ the largest median of the registration error."""
 
 LAST_LINE = 120
 """Letters of the last line at most; what is longer stands above it."""
-_ABOVE = "more above"
+MORE_ABOVE = "more above"
+"""How many parts of the conclusion the last line leaves to the lines before it."""
 _LOGS = ("-node.log", "-autonomy.log")
 """What a ROS 2 node and a program printed, among the files of a run."""
 _MOST_RETRIED = 3
@@ -293,8 +294,8 @@ def _fitting(text: str, parts: Sequence[str], most: int) -> list[str]:
         fits = len("; ".join([text, *kept, part, *later])) <= most
         kept.append(part if fits else _head(part))
     while kept and len("; ".join([text, *kept])) > most:
-        kept = [*kept[: -2 if kept[-1].endswith(_ABOVE) else -1]]
-        kept.append(f"{len(parts) - len(kept)} {_ABOVE}")
+        kept = [*kept[: -2 if kept[-1].endswith(MORE_ABOVE) else -1]]
+        kept.append(f"{len(parts) - len(kept)} {MORE_ABOVE}")
     return kept
 
 

@@ -6,7 +6,7 @@ from contextlib import AsyncExitStack
 from typing import Any
 
 from wil_campaign.campaigns.values.external_setups import ReadingSourceSetup
-from wil_campaign.campaigns.values.sensor_setups import OtherSetup
+from wil_campaign.campaigns.values.sensor_setups import DepthSetup, OtherSetup, SourcedSetup
 from wil_campaign.hooks import sources
 from wil_campaign.installed_plugins import added, load
 from wil_campaign.orchestrator.external.external_sources import ExternalSource
@@ -23,6 +23,8 @@ from wil_campaign.vehicles.sources.readings.mavlink_readings import MavlinkReadi
 from wil_campaign.vehicles.sources.readings.recorded_readings import ReadingFile, RecordedReadings
 from wil_campaign.vehicles.sources.readings.rest_check import rest_fault
 from wil_campaign.vehicles.sources.source_request import SourceRequest
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.geodesy import LocalFrame
 
 _POLL_S = 0.05
@@ -43,11 +45,12 @@ _OTHER_REMEDY = "let the autopilot send it on this link, or name another by `mes
 class ExternalReadings(ExternalSource):
     """One sensor of a vehicle with external readings; a Stream of them."""
 
-    def __init__(self, *, sensor: OtherSetup, source: ReadingSourceSetup, side: Source) -> None:
+    def __init__(self, *, sensor: SourcedSetup, source: ReadingSourceSetup, side: Source) -> None:
         super().__init__(
             sensor=sensor.name, shown_as=source.shown_as, side=side, make=self._make_source
         )
         self._setup = sensor
+        self._mount, self._camera = _mount_and_camera(sensor)
         self._from_setup = source
         self._live = self._make_live()
 
@@ -100,7 +103,8 @@ class ExternalReadings(ExternalSource):
                 sensor=source.name,
                 kind=sensor.kind,
                 side=self._side,
-                mount=sensor.mount,
+                mount=self._mount,
+                camera=self._camera,
                 rate_hz=sensor.rate_hz,
                 topic=source.topic or "",
                 latency_s=source.latency_s,
@@ -124,7 +128,8 @@ class ExternalReadings(ExternalSource):
     def _mavlink_sensor(self) -> MavlinkSensor:
         """Return how the sensor's MAVLink messages are read."""
         sensor, source = self._setup, self._from_setup
-        options, beams, reach = sensor.options, None, StatedReach()
+        options = sensor.options if isinstance(sensor, OtherSetup) else None
+        beams, reach = None, StatedReach()
         if isinstance(options, LidarOptions):
             pattern = options.pattern
             beams = Beams(pattern.beams, pattern.start_angle_rad, pattern.step_rad)
@@ -133,12 +138,19 @@ class ExternalReadings(ExternalSource):
         return MavlinkSensor(
             message=source.message,
             rate_hz=sensor.rate_hz,
-            mount=sensor.mount,
+            mount=self._mount,
             reach=reach,
             sensor_id=source.sensor_id,
             beams=beams,
             undulation_m=source.undulation_m,
         )
+
+
+def _mount_and_camera(sensor: SourcedSetup) -> tuple[Pose, Intrinsics | None]:
+    """Return a sensor's pose in the body's FRD frame, and the model of a depth camera."""
+    if isinstance(sensor, DepthSetup):
+        return sensor.mount.pose, sensor.intrinsics
+    return sensor.mount, None
 
 
 class ReadingSources:

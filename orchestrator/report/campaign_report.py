@@ -7,12 +7,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from wil_campaign import hooks
 from wil_campaign.foundation.processes.linux import usable_cores
-from wil_campaign.hooks import ReportSection, Section
+from wil_campaign.hooks import ReportSection, RunSection, Section
 from wil_campaign.installed_plugins import added, load
 from wil_campaign.orchestrator.model.document_writer import write_whole
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
@@ -139,9 +139,12 @@ def _pages_and_sections(
     return list(map(_page, orders)), [_section(one, folder, campaign) for one in wanted]
 
 
-def _section(wanted: ReportSection, folder: Path, campaign: CampaignDocuments) -> Section:
+def _section(
+    wanted: ReportSection | RunSection, folder: Path, what: CampaignDocuments | RunReport
+) -> Section:
+    """Return what a plugin adds about a campaign or about a run."""
     try:
-        found: Section = load(wanted.section)(folder, campaign)
+        found: Section = load(wanted.section)(folder, what)
     except Exception as error:  # noqa: BLE001 - a plugin may raise anything
         why = f"the section {wanted.name} is left out: {type(error).__name__}: {error}"
         return Section(problems=(why,))
@@ -172,4 +175,13 @@ def _read_and_render(order: _Order) -> RunPage:
         with suppress(OSError):
             data = (order.folder / run.name / run.video).read_bytes()
             video = f"data:video/mp4;base64,{base64.b64encode(data).decode('ascii')}"
-    return render_run(run, anchor=order.anchor, video=video, stand_in=order.stand_in)
+    wanted = added(hooks.run_sections).values()
+    sections = [_section(one, order.folder, run) for one in wanted]
+    run = replace(run, problems=(*run.problems, *(text for s in sections for text in s.problems)))
+    return render_run(
+        run,
+        anchor=order.anchor,
+        video=video,
+        stand_in=order.stand_in,
+        sections=[one.html for one in sections],
+    )

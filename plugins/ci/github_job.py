@@ -12,7 +12,7 @@ from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.foundation.files.problems import Problem
 from wil_campaign.orchestrator.cli.markdown import markdown_table, markdown_text
 from wil_campaign.orchestrator.cli.standard_streams import err
-from wil_campaign.orchestrator.cli.verdict_table import conclusions, verdict_table
+from wil_campaign.orchestrator.cli.verdict_table import MORE_ABOVE, conclusions, verdict_table
 from wil_campaign.orchestrator.model.campaign_results import Summary
 from wil_campaign.orchestrator.model.junit import junit_xml
 from wil_campaign.plugins.ci.repository_paths import repository_path
@@ -22,6 +22,7 @@ _SHOWN = 10
 _LINES = 50
 _LINE_LETTERS = 600
 _REPORT = "report.html"
+_MORE_BELOW = "more below"
 
 
 def tell_problems(problems: tuple[Problem, ...], warnings: tuple[Problem, ...]) -> None:
@@ -53,6 +54,7 @@ def summary_markdown(campaign: Campaign, summary: Summary, folder: Path) -> str:
     listed = [f"- {_shortened(line)}" for line in lines[:_LINES]]
     if len(lines) > _LINES:
         listed.append(f"- and {len(lines) - _LINES} lines more in the job's log")
+    last = last.replace(MORE_ABOVE, _MORE_BELOW)  # where the terminal ends, a page begins
     parts = [f"### {markdown_text(campaign.name)}: {_shortened(last)}"]
     parts += [markdown_table(head, [list(row) for row in rows]), "\n".join(listed), _where(folder)]
     return "\n\n".join(part for part in parts if part) + "\n\n"

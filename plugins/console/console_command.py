@@ -18,10 +18,10 @@ from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.plugins.console.console_address import ConsoleAddress
 from wil_campaign.plugins.console.console_process import ConsoleSettings, serve_console
+from wil_campaign.plugins.console.playback import FASTEST, SLOWEST
 
 _UNAVAILABLE = 3
 _RECORDING = "run.mcap"
-_SLOWEST, _FASTEST = 0.01, 100.0
 
 
 @takes_options(live_views, "views", str | None, but="console")
@@ -52,13 +52,13 @@ def console(
     tls_key
         The certificate's key.
     speed
-        The playback speed of a finished run; 1.0 is the speed of the flight.
+        The playback speed of a finished run; 1.0 is the speed of the flight. The page changes it.
     """
     if (tls_cert is None) != (tls_key is None):
         err("--tls-cert and --tls-key go together")
         return 2
-    if not _SLOWEST <= speed <= _FASTEST:
-        err(f"--speed is between {_SLOWEST} and {_FASTEST}")
+    if not SLOWEST <= speed <= FASTEST:
+        err(f"--speed is between {SLOWEST} and {FASTEST}")
         return 2
     recorded = _recorded(folder)
     if recorded is not None and (wanted := next(iter(given(views)), "")):

@@ -137,6 +137,8 @@ class ConsoleHub:
 
     def __init__(self, *, about: Mapping[str, Any], access: ConsoleAccess) -> None:
         self._about = dict(about)
+        self._is_recorded = about.get("mode") == "recorded"
+        self._playback = ""
         self._access = access
         self._pages: set[PageClient] = set()
         self._runs: OrderedDict[str, _RunRecord] = OrderedDict()
@@ -160,6 +162,8 @@ class ConsoleHub:
             for name, image in record.images.items():
                 packet = image_packet(image.content, waited_s=image.age_s)
                 page.show_image(f"{key} {name}", packet)
+        if self._playback:
+            page.show("playback", self._playback)
         if self._status is not None:
             page.show("status", _status_text(self._status))
         self._pages.add(page)
@@ -203,6 +207,16 @@ class ConsoleHub:
         for page in self._pages:
             page.show("status", text)
 
+    def show_playback(self, kind: str, document: Mapping[str, Any]) -> None:
+        """Send all pages the playback of a finished run, or the past of the run that it shows."""
+        text = as_text({"type": kind, **document})
+        if kind == "past":
+            self._order(text)
+            return
+        self._playback = text
+        for page in self._pages:
+            page.show(kind, text)
+
     def _take_guard(self, guard: Mapping[str, Any]) -> dict[str, Any]:
         """Record which vehicles a guard reports down; return its status with the times."""
         record = self._runs.get(guard["folder"])
@@ -242,6 +256,8 @@ class ConsoleHub:
             case FactsView():
                 # In a thread: reading meshes from files must not delay commands.
                 scene = await asyncio.to_thread(RunScene.of, message.run, message.facts)
+                if self._is_recorded:
+                    record.events.clear()  # The run is played again, or from another time.
                 record.scene = scene
                 self._order(as_text(scene.document))
 

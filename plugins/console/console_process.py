@@ -30,6 +30,7 @@ from wil_campaign.plugins.console.console_address import (
 from wil_campaign.plugins.console.console_hub import ConsoleHub
 from wil_campaign.plugins.console.console_server import ConsoleServer
 from wil_campaign.plugins.console.page_commands import CommandSender
+from wil_campaign.plugins.console.playback import Playback
 from wil_campaign.plugins.console.recorded_run import RecordedRun
 
 _LONGEST_BYTES = 1 << 18
@@ -80,6 +81,11 @@ async def serve_console(
         mode = "live" if settings.recorded is None else "recorded"
         about = {"mode": mode, "poll_s": POLL_S, "whole_machine": scope.is_whole_machine}
         hub = ConsoleHub(about=about, access=access)
+        recorded = playback = None
+        if settings.recorded is not None:
+            time = asyncio.get_running_loop().time
+            playback = Playback(settings.speed, time=time, show=hub.show_playback)
+            recorded = RecordedRun(settings.recorded, playback)
         server = ConsoleServer(
             access=access,
             rules=rules,
@@ -87,28 +93,28 @@ async def serve_console(
             sender=CommandSender(scope),
             cookie=f"wil_console_{address.port}",
             time=asyncio.get_running_loop().time,
+            playback=playback,
         )
         async with _site(server, end, _tls(settings)):
             for role in get_args(Role):
                 token = access.invite(role)
                 announce(f"{role}: {rules.scheme}://{address.shown}/#{token}")
-            await _feed_hub(settings, scope, hub, poller, ends=beside is not None)
+            await _feed_hub(scope, hub, poller, ends=beside is not None, recorded=recorded)
 
 
 async def _feed_hub(
-    settings: ConsoleSettings,
     scope: FlightScope,
     hub: ConsoleHub,
     poller: CampaignPoller,
     *,
     ends: bool,
+    recorded: RecordedRun | None,
 ) -> None:
     """Feed the hub from live feeds, or from a recording, until the console should end."""
     async with together() as group:
-        if settings.recorded is None:
+        if recorded is None:
             source = group.create_task(_receive(hub, scope), name="live feeds")
         else:
-            recorded = RecordedRun(settings.recorded, speed=settings.speed)
             source = group.create_task(recorded.play(hub.take), name="recorded run")
         polling = group.create_task(_poll(hub, poller), name="status")
         await _wait_for_end(poller, ends=ends)

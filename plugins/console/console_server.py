@@ -26,6 +26,7 @@ from wil_campaign.plugins.console.page_commands import (
     PageCommand,
     parse_body,
 )
+from wil_campaign.plugins.console.playback import Playback
 from wil_campaign.safety.fence.areas import FenceError
 from wil_campaign.safety.fence.fence_files import parse_fence_file
 from wil_campaign.safety.fence.fence_values import fence_of_plain
@@ -90,7 +91,10 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class ConsoleServer:
-    """The web application of a console. rules: for the address at which it listens."""
+    """The web application of a console. rules: for the address at which it listens.
+
+    playback: of a finished run; None for runs in flight.
+    """
 
     def __init__(
         self,
@@ -101,7 +105,9 @@ class ConsoleServer:
         sender: CommandSender,
         cookie: str,
         time: Callable[[], float],
+        playback: Playback | None = None,
     ) -> None:
+        self.playback = playback
         self._access = access
         self._rules = rules
         self._hub = hub
@@ -129,6 +135,7 @@ class ConsoleServer:
                 web.post("/session", self._begin_session),
                 web.post("/command", self._command),
                 web.post("/control", self._control),
+                web.post("/playback", self._change_playback),
                 web.post("/invite", self._invite),
             ]
         )
@@ -218,6 +225,15 @@ class ConsoleServer:
         self._access.take_control(session)
         self._hub.show_people()
         return web.json_response({"ok": True, "text": f"{session.name} has control"})
+
+    async def _change_playback(self, request: web.Request) -> web.StreamResponse:
+        session = self._session(request)
+        if self.playback is None:
+            raise AccessError("this console shows runs in flight: nothing is played back")
+        if session.role != "operator":
+            raise AccessError("only an operator can pause a run or change its speed or time")
+        self.playback.change(await _json_of(request))
+        return web.json_response({"ok": True, "text": ""})
 
     async def _invite(self, request: web.Request) -> web.StreamResponse:
         session = self._session(request)

@@ -4,6 +4,7 @@ NED metres and quaternions wxyz; vertices in the object's own frame.
 """
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from wil_campaign.orchestrator.report.reading.world_facts import RecordedWorld, recorded_world
+from wil_campaign.plugins.observer.observer_part import observer_in
+from wil_campaign.worlds.frames import rotate
 from wil_campaign.worlds.scene.meshes import Mesh
 from wil_campaign.worlds.scene.scene import SceneObject
 
@@ -46,6 +49,7 @@ class RunScene:
             "problems": list(world.problems),
             "kinds": _kinds(facts),
             "epoch_s": _epoch_s(facts),
+            "observer": _observer(world),
         }
         return cls(world, document)
 
@@ -56,6 +60,20 @@ class RunScene:
             for obj in self.world.judged.objects
             if obj.motion is not None
         }
+
+
+def _observer(world: RecordedWorld) -> dict[str, Any] | None:
+    """Return where the campaign's observer stands and looks; None without one."""
+    found = observer_in(world.campaign)
+    if found is None:
+        return None
+    width_px, fx_px = found.intrinsics.width_px, found.intrinsics.fx_px
+    return {
+        "position_ned_m": found.pose.position_ned_m,
+        "ahead_ned": rotate(found.pose.q_wxyz, (1.0, 0.0, 0.0)),
+        "up_ned": rotate(found.pose.q_wxyz, (0.0, 0.0, -1.0)),
+        "fov_rad": 2.0 * math.atan(width_px / 2.0 / fx_px),
+    }
 
 
 def _epoch_s(facts: Mapping[str, str]) -> float | None:

@@ -4,13 +4,12 @@ The battery of a logged flight, as a profile has it; pure.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from statistics import median
-
-import yaml
 
 from wil_campaign.foundation.files.problems import BadInput, Problem, printable
 from wil_campaign.plugins.logs.course import Course, course_of
@@ -266,19 +265,15 @@ def _parameter_file(flight: LoggedFlight) -> str:
 
 
 def _profile(battery: Battery | None, log: Path) -> str:
-    """Return a profile: the shipped `nominal` with what the log tells of the battery."""
-    shipped = files("wil_campaign.vehicles.embedded") / "profiles" / "nominal.yaml"
-    document = yaml.safe_load(shipped.read_text("utf-8"))
+    """Return the starter's profile with what the log tells of the battery."""
+    starter = files("wil_campaign.plugins.start") / "starter" / "profile.yaml.in"
     name = printable(log.name)
-    document["description"] = f"The vehicle of {name}; values that a log lacks are those of nominal"
-    known: Iterable[str] = ()
-    if battery is not None:
-        document["battery"] |= battery.values
-        known = battery.values
-    comment = f"# From {name}: battery {', '.join(known) or '(unknown)'}. Of the shipped profile\n"
-    comment += "# nominal are the values that it lacks: air, motors, estimator, mocap, camera, "
-    comment += "clock, sensors.\n"
-    return comment + yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
+    known = {} if battery is None else battery.values
+    text = starter.read_text("utf-8").replace("@NAME@", _quoted_in(name))
+    for key, value in known.items():
+        text = re.sub(rf"(?m)^(  {key}: )\S+", rf"\g<1>{value}", text)
+    stated = f"battery {', '.join(known)}" if known else "nothing of the battery"
+    return f"# From {name}: {stated}. The rest is not in a log.\n{text}"
 
 
 def _quoted_in(text: str) -> str:

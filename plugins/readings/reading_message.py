@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from wil_campaign.plugins.readings.depth_images import check_camera, metres_of
 from wil_campaign.plugins.readings.messagepack import BadMessageError, Header
 from wil_campaign.vehicles.readings import (
+    DepthReading,
     GpsReading,
     ImuReading,
     LidarPointsReading,
@@ -26,6 +28,7 @@ from wil_campaign.vehicles.readings import (
     reading_types,
 )
 from wil_campaign.vehicles.readings.numbers import number_fields
+from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, Vec3, quat_normalize
 
 PROTOCOL = "wil/reading/1"
@@ -51,13 +54,15 @@ class Envelope:
 class Sampled:
     """When a message was sampled and when it arrived, on the run clock; side: of which vehicle.
 
-    mount: the sensor's pose in the body's FRD frame, by the campaign.
+    mount: the sensor's pose in the body's FRD frame, by the campaign. camera: the model of a depth
+    camera, by the campaign.
     """
 
     t_s: float
     arrived_s: float
     side: Source
     mount: Pose
+    camera: Intrinsics | None = None
 
     @property
     def stamps(self) -> tuple[float, float, int, Source]:
@@ -183,6 +188,23 @@ def _microphone(header: Header, when: Sampled) -> MicrophoneReading:
     )
 
 
+def _depth(header: Header, when: Sampled) -> DepthReading:
+    camera, sent = when.camera, header.header("camera")
+    if camera is None:
+        raise BadMessageError("it is a depth image, and the sensor is no depth camera")
+    width_px, height_px = sent.whole("width_px"), sent.whole("height_px")
+    focal_px = sent.number("fx_px") if "fx_px" in sent else None
+    check_camera(camera, width_px=width_px, height_px=height_px, fx_px=focal_px)
+    key = "depth_mm" if "depth_mm" in header else "depth_m"
+    sent_as = np.dtype("<u2" if key == "depth_mm" else "<f4")
+    flat = header.array(key, sent_as, most=MAX_READING_BYTES // sent_as.itemsize)
+    if len(flat) != width_px * height_px:
+        raise BadMessageError(f"`{key}` has {len(flat)} numbers, not {width_px}x{height_px}")
+    image = flat.reshape(height_px, width_px)
+    depth_m = metres_of(image) if key == "depth_mm" else image
+    return DepthReading(*when.stamps, depth_m=depth_m, intrinsics=camera, rendered=False)
+
+
 def _vector(header: Header, key: str) -> Vec3:
     x, y, z = header.numbers(key, 3)
     return (x, y, z)
@@ -190,6 +212,7 @@ def _vector(header: Header, key: str) -> Vec3:
 
 _READERS: Mapping[str, Callable[[Header, Sampled], Any]] = MappingProxyType(
     {
+        "depth": _depth,
         "rangefinder": _rangefinder,
         "lidar": _lidar,
         "lidar_points": _points,

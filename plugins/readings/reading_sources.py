@@ -20,6 +20,7 @@ def published(request: SourceRequest) -> ZmqReadings:
         kind_of=request.kind,
         side=request.side,
         mount=request.mount,
+        camera=request.camera,
         topic=request.topic,
         latency_s=request.latency_s,
         open_s=request.open_s,
@@ -29,5 +30,10 @@ def published(request: SourceRequest) -> ZmqReadings:
 
 def recorded(request: SourceRequest) -> TopicReadings:
     """Return the readings of a topic of an MCAP file."""
-    path, topic = Path(request.address), request.topic or None
-    return TopicReadings(path=path, kind=request.kind, topic=topic, mount=request.mount)
+    return TopicReadings(
+        path=Path(request.address),
+        kind=request.kind,
+        topic=request.topic or None,
+        mount=request.mount,
+        camera=request.camera,
+    )

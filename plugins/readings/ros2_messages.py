@@ -12,9 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from wil_campaign.plugins.readings.depth_images import ros_depth
 from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.plugins.readings.reading_message import Sampled
 from wil_campaign.vehicles.readings import (
+    DepthReading,
     GpsReading,
     ImuReading,
     LidarPointsReading,
@@ -133,6 +135,13 @@ def _points(message: Any, when: Sampled) -> LidarPointsReading:
     )
 
 
+def _depth(message: Any, when: Sampled) -> DepthReading:
+    if when.camera is None:
+        raise BadMessageError("is an image, and the sensor is no depth camera")
+    depth_m = ros_depth(message, when.camera)
+    return DepthReading(*when.stamps, depth_m=depth_m, intrinsics=when.camera, rendered=False)
+
+
 def _imu(message: Any, when: Sampled) -> ImuReading:
     for name in ("linear_acceleration", "angular_velocity"):
         if getattr(message, f"{name}_covariance")[0] == -1.0:
@@ -201,6 +210,7 @@ def _vector(three: Any) -> Vec3:
 
 ROS2_TYPES: Mapping[str, Ros2Type] = MappingProxyType(
     {
+        "sensor_msgs/msg/Image": Ros2Type("depth", _depth),
         "sensor_msgs/msg/Range": Ros2Type("rangefinder", _rangefinder),
         "sensor_msgs/msg/LaserScan": Ros2Type("lidar", _lidar),
         "sensor_msgs/msg/PointCloud2": Ros2Type("lidar_points", _points),

@@ -5,6 +5,7 @@ Decodes messages of an MCAP file as readings: of our recordings, and of ROS 2.
 
 import struct
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,15 +16,18 @@ from wil_campaign.foundation.files.limited_json import loads_limited
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
 from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode
+from wil_campaign.plugins.readings.depth_images import check_camera, ros1_image
 from wil_campaign.plugins.readings.messagepack import BadMessageError
 from wil_campaign.plugins.readings.reading_message import Sampled
 from wil_campaign.plugins.readings.ros2_messages import ROS2_TYPES, read_ros2, stamp_s
-from wil_campaign.vehicles.readings import Reading, sensor_names, sensor_type_of
+from wil_campaign.vehicles.readings import DepthReading, Reading, sensor_names, sensor_type_of
 from wil_campaign.vehicles.readings.checks import fault_of
 from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 
-_IMAGES = frozenset({"camera", "depth"})
+_ROS1_IMAGE = ("ros1", "ros1msg", "sensor_msgs/Image")
+"""Encodings and name of the only message of ROS 1 that is read."""
 _LATE_S = 5.0
 """A message that is logged more than this after its stamp was stamped by another clock."""
 _FAULTS = (
@@ -52,14 +56,17 @@ class _Timed(NamedTuple):
 
 
 class TopicDecoders:
-    """Decodes an MCAP file's messages by their channels. mount: of the sensor, for ROS 2 messages.
+    """Decodes an MCAP file's messages by their channels.
+
+    mount: of the sensor, for ROS 2 messages. camera: the model of a depth camera.
 
     `take` is called with the file's schemas and channels as they appear. The last fix of a ROS 2
     channel is kept: the velocity of the next one is computed from both positions.
     """
 
-    def __init__(self, *, mount: Pose) -> None:
+    def __init__(self, *, mount: Pose, camera: Intrinsics | None = None) -> None:
         self._mount = mount
+        self._camera = camera
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._decoders: dict[int, Decoder] = {}
@@ -85,7 +92,7 @@ class TopicDecoders:
         if channel.metadata.get("part") == "reading":
             return _own_kind(message.data)
         schema = self._ros2_schema(channel)
-        return "" if schema is None else ROS2_TYPES[schema.name].kind
+        return "" if schema is None else ROS2_TYPES[_ros2_name(schema)].kind
 
     def reading(self, message: Message) -> Reading:
         """Return the reading in a message.
@@ -101,16 +108,29 @@ class TopicDecoders:
         except _FAULTS as error:
             raise RecordingError(f"message {message.sequence} cannot be read: {error}") from error
         kind = self.kind(message)
-        if sensor_type_of(reading) != kind or kind in _IMAGES:
+        if sensor_type_of(reading) != kind or kind == "camera":
             raise RecordingError(f"message {message.sequence} is no {kind} reading")
-        return reading
+        return self._as_seen(reading) if isinstance(reading, DepthReading) else reading
+
+    def _as_seen(self, reading: DepthReading) -> DepthReading:
+        """Return a recorded depth reading as its sensor gave it. Raises BadMessageError."""
+        if self._camera is None:
+            raise BadMessageError("is a depth image, and the sensor is no depth camera")
+        was = reading.intrinsics
+        check_camera(self._camera, width_px=was.width_px, height_px=was.height_px, fx_px=was.fx_px)
+        return replace(
+            reading, intrinsics=self._camera, object_ids=None, camera_pose=None, rendered=False
+        )
 
     def _ros2_schema(self, channel: Channel) -> Schema | None:
-        """Return the schema of a ROS 2 channel of readings; None for other channels."""
+        """Return the schema of a ROS channel of readings; None for other channels."""
         schema = self._schemas.get(channel.schema_id)
-        if schema is None or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
+        if schema is None:
             return None
-        return schema if schema.name in ROS2_TYPES else None
+        encodings = (channel.message_encoding, schema.encoding)
+        if encodings == ("cdr", "ros2msg"):
+            return schema if schema.name in ROS2_TYPES else None
+        return schema if (*encodings, schema.name) == _ROS1_IMAGE else None
 
     def _ros2_reading(self, message: Message, schema: Schema) -> Reading:
         decoder = self._ros2_decoder(schema)
@@ -121,9 +141,9 @@ class TopicDecoders:
             raise RecordingError(f"message {message.sequence} cannot be read: {error}") from error
         t_s = self._time(message.channel_id, stamped_s, logged_s)
         is_late = 0.0 <= logged_s - t_s <= _LATE_S
-        when = Sampled(t_s, logged_s if is_late else t_s, "real", self._mount)
+        when = Sampled(t_s, logged_s if is_late else t_s, "real", self._mount, self._camera)
         before = self._before.get(message.channel_id)
-        reading = read_ros2(schema.name, decoded, when, before)
+        reading = read_ros2(_ros2_name(schema), decoded, when, before)
         if fault_of(reading) is None:
             self._before[message.channel_id] = reading
         return reading
@@ -148,6 +168,8 @@ class TopicDecoders:
     def _ros2_decoder(self, schema: Schema) -> Decoder:
         if (known := self._decoders.get(schema.id)) is not None:
             return known
+        if schema.encoding == "ros1msg":
+            return ros1_image
         try:
             from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415  # of an extra
         except ImportError as error:
@@ -160,6 +182,11 @@ class TopicDecoders:
             raise RecordingError(f"its definition of {schema.name} is of an unsupported kind")
         self._decoders[schema.id] = decoder
         return decoder
+
+
+def _ros2_name(schema: Schema) -> str:
+    """Return the name of a ROS channel's messages in ROS 2."""
+    return "sensor_msgs/msg/Image" if schema.encoding == "ros1msg" else schema.name
 
 
 def _own_kind(data: bytes) -> str:
@@ -175,16 +202,23 @@ class TopicReadings:
     """The readings of a topic of run.mcap, or of a bag of ROS 2, as recorded; a ReadingFile.
 
     kind: type of the sensor. topic: None if the file has only one topic of that type. mount: the
-    sensor's, where messages lack it.
+    sensor's, where messages lack it. camera: the model of a depth camera.
     """
 
     def __init__(
-        self, *, path: Path, kind: str, topic: str | None = None, mount: Pose = AT_ORIGIN
+        self,
+        *,
+        path: Path,
+        kind: str,
+        topic: str | None = None,
+        mount: Pose = AT_ORIGIN,
+        camera: Intrinsics | None = None,
     ) -> None:
         self._path = path
         self._kind = kind
         self._topic = topic
         self._mount = mount
+        self._camera = camera
         self._readings: Iterator[Reading] = iter(())
         self.unusable = 0
         """How many unusable messages were skipped."""
@@ -238,7 +272,7 @@ class TopicReadings:
         return kinds
 
     def _messages(self) -> Iterator[tuple[TopicDecoders, Message]]:
-        decoders = TopicDecoders(mount=self._mount)
+        decoders = TopicDecoders(mount=self._mount, camera=self._camera)
         for record in RecordStream(self._path):
             if isinstance(record, Schema | Channel):
                 decoders.take(record)

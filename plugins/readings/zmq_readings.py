@@ -17,9 +17,9 @@ from wil_campaign.vehicles.readings import Source
 from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock
 from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings
+from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 
-_POLL_S = 0.02
 _MOST_NAMES = 8
 _RESTART_SEQ = 1000
 """A `seq` that falls by more than this shows that the sender restarted."""
@@ -29,8 +29,9 @@ class ZmqReadings(LiveReadings):
     """The readings of one sensor in the messages of a ZeroMQ publisher; a ReadingSource.
 
     address: tcp://HOST:PORT that the publisher has bound. sensor: its name in the messages.
-    kind_of: its type. topic: prefix of the first part. latency_s: sampling to arrival of the
-    quickest. open_s: how long the first reading may take. Messages of other sensors are ignored.
+    kind_of: its type. camera: the model of a depth camera. topic: prefix of the first part.
+    latency_s: sampling to arrival of the quickest. open_s: how long the first reading may take.
+    Messages of other sensors are ignored.
     """
 
     def __init__(
@@ -41,6 +42,7 @@ class ZmqReadings(LiveReadings):
         kind_of: str,
         side: Source,
         mount: Pose = AT_ORIGIN,
+        camera: Intrinsics | None = None,
         topic: str = "",
         latency_s: float = 0.0,
         open_s: float = 5.0,
@@ -54,6 +56,7 @@ class ZmqReadings(LiveReadings):
         self._kind_of = kind_of
         self._side: Source = side
         self._mount = mount
+        self._camera = camera
         self._topic = topic.encode()
         self._open_s = open_s
         self._clock = ArrivalClock(latency_s=latency_s)
@@ -76,7 +79,7 @@ class ZmqReadings(LiveReadings):
         self._loop.add_reader(self._socket.fileno(), self._read)
         self._read()
         try:
-            await self._wait_for_first()
+            await self._wait_for_first(self._open_s)
         except BaseException:
             await self.__aexit__()
             raise
@@ -86,14 +89,6 @@ class ZmqReadings(LiveReadings):
         """Close the socket; nothing is taken afterwards."""
         self._loop.remove_reader(self._socket.fileno())
         self._context.destroy(linger=0)
-
-    async def _wait_for_first(self) -> None:
-        try:
-            async with asyncio.timeout(self._open_s):
-                while self.newest is None:  # noqa: ASYNC110 - a socket's reader sets no event
-                    await asyncio.sleep(_POLL_S)
-        except TimeoutError as error:
-            raise SourceError(self.missing_reading_text(self._open_s)) from error
 
     def _silence_reason(self) -> str:
         """Return why nothing arrived at all, or what to do, in words."""
@@ -126,7 +121,7 @@ class ZmqReadings(LiveReadings):
             )
         skipped = self._skipped(envelope.seq)
         t_s = self._clock.run_time(envelope.sent_s, arrived_s)
-        when = Sampled(t_s, arrived_s, self._side, self._mount)
+        when = Sampled(t_s, arrived_s, self._side, self._mount, self._camera)
         self.offer(read_reading(header, self._kind_of, when), skipped=skipped)
 
     def _skipped(self, seq: int) -> int:

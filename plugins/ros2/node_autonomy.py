@@ -22,6 +22,7 @@ from wil_campaign.plugins.ros2.messages.ros_messages import (
     BODY_FRAME,
     ODOMETRY_FRAME,
     TEXT,
+    TRAJECTORY_SETPOINT,
     WORLD_FRAME,
     RosMessages,
     Transform,
@@ -40,6 +41,8 @@ from wil_campaign.plugins.ros2.messages.topics import (
 )
 from wil_campaign.plugins.ros2.node_process import NodeProcess
 from wil_campaign.plugins.ros2.node_topics import NodeTopics
+from wil_campaign.plugins.ros2.px4.px4_types import COMMAND_TOPIC, MODE_TOPIC
+from wil_campaign.plugins.ros2.px4.px4_vehicle import Px4Vehicle
 from wil_campaign.plugins.ros2.setpoint_inbox import Received, SetpointInbox
 from wil_campaign.vehicles.autonomy import Command, Telemetry
 from wil_campaign.vehicles.readings import Reading
@@ -76,6 +79,7 @@ class NodeAutonomy:
 
     node: its process; None for one that runs already. decide_blind: called with why the node
     does not get what it needs. abort: called with the reason when the node asks for it.
+    px4: what a node of px4_msgs sees of PX4; None without such topics.
     """
 
     def __init__(
@@ -90,6 +94,7 @@ class NodeAutonomy:
         rules: NodeRules,
         decide_blind: Callable[[str], None],
         abort: Callable[[str], None],
+        px4: Px4Vehicle | None = None,
     ) -> None:
         self._topics, self._inbox, self._types, self._node = topics, inbox, types, node
         self._make = RosMessages(types)
@@ -98,6 +103,7 @@ class NodeAutonomy:
         self._epoch_ns = round(epoch_s * _NS)
         self._rules = rules
         self._decide_blind, self._abort = decide_blind, abort
+        self._px4 = px4
         self._latched: dict[str, bytes] = {}
         self._latched_s = self._clock_s = float("-inf")
         self._reporting = threading.Lock()
@@ -149,6 +155,7 @@ class NodeAutonomy:
         if self._has_left and (ended := self.ended()) is not None:
             return ended
         self._read_words()
+        self._answer_px4(telemetry.t_s)
         self._watch_needs(telemetry.t_s)
         self._take_setpoint(telemetry)
         return Command(self._setpoint, self._is_done, self._note)
@@ -186,6 +193,26 @@ class NodeAutonomy:
             velocity = telemetry.velocity_ned_m_s
             odometry = partial(self._make.odometry, pose, velocity, stamp_ns)
             self._publish(ODOMETRY_TOPIC, stamp_ns, odometry)
+            for topic, build in (
+                () if self._px4 is None else self._px4.messages(telemetry, stamp_ns)
+            ):
+                self._publish(topic, stamp_ns, build)
+            if not self.flying:
+                self._answer_px4(telemetry.t_s)
+
+    def _answer_px4(self, t_s: float) -> None:
+        """Take modes and commands of a node of px4_msgs, and answer these. Raises AutonomyFault."""
+        if self._px4 is None:
+            return
+        try:
+            for cdr in self._inbox.words(MODE_TOPIC)[-1:]:
+                self._px4.take_mode(cdr, t_s)
+            for cdr in self._inbox.words(COMMAND_TOPIC):
+                (topic, build), is_end = self._px4.take_command(cdr)
+                self._topics.publish(topic, self._stamp(t_s), build)
+                self._is_done = self._is_done or (is_end and self.flying)
+        except BadMessageError as error:
+            raise AutonomyFault(f"published to /fmu/in a message that {error}") from None
 
     def _publish_reading(self, reading: Reading, prefix: str) -> None:
         with self._reporting:
@@ -312,7 +339,7 @@ class NodeAutonomy:
         newest = self._answer if self._rules.barrier else self._inbox.newest
         if newest is not None and newest.number > self._used:
             self._used = newest.number
-            if self._is_timely(newest, telemetry.t_s):
+            if self._is_timely(newest, telemetry.t_s) and self._is_offboard(newest, telemetry.t_s):
                 self._setpoint = self._setpoint_of(newest, telemetry.pose)
                 self._fresh_s = telemetry.t_s
                 newest.topic.used += 1
@@ -339,6 +366,15 @@ class NodeAutonomy:
         )
         received.topic.trouble = self._refused
         return False
+
+    def _is_offboard(self, received: Received, t_s: float) -> bool:
+        """Return whether PX4 would fly a setpoint in its mode; any that is none of px4_msgs."""
+        if self._px4 is None or received.topic.type != TRAJECTORY_SETPOINT:
+            return True
+        trouble = self._px4.mode_trouble(t_s)
+        if trouble:
+            self._refused = received.topic.trouble = trouble
+        return not trouble
 
     def _setpoint_of(self, received: Received, body: Pose) -> Setpoint:
         name, kind = received.topic.name, received.topic.type

@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator, Iterable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Literal, cast
 
 from wil_campaign.foundation.clocks.sleeping import sleep_until
@@ -37,6 +38,14 @@ from wil_campaign.plugins.ros2.messages.topics import (
 from wil_campaign.plugins.ros2.node_autonomy import NodeAutonomy, NodeRules
 from wil_campaign.plugins.ros2.node_process import NodeProcess, started_node
 from wil_campaign.plugins.ros2.node_topics import NodeTopics
+from wil_campaign.plugins.ros2.px4.px4_types import (
+    PX4_OUT,
+    PX4_SETPOINTS,
+    PX4_WORDS,
+    px4_names,
+    px4_types,
+)
+from wil_campaign.plugins.ros2.px4.px4_vehicle import Px4Vehicle
 from wil_campaign.plugins.ros2.rclpy_wire import open_rclpy
 from wil_campaign.plugins.ros2.ros2_autonomy import Ros2Autonomy
 from wil_campaign.plugins.ros2.ros2_part import Ros2Part
@@ -96,7 +105,7 @@ async def open_node(
     vehicle = FlownVehicle(setup, context, run_state)
     loop = asyncio.get_running_loop()
     async with AsyncExitStack() as stack:
-        types = await loop.run_in_executor(None, ros_types, part.distribution)
+        types = await loop.run_in_executor(None, _types, part, setup.campaign.under_test.folder)
         domain = stack.enter_context(claimed_domain(part.domain))
         wire = await stack.enter_async_context(_open_wire(part, vehicle, domain, types))
         flight = _NodeFlight(part, vehicle, wire, types)
@@ -109,6 +118,13 @@ async def open_node(
         telemetry = start(flight.report(found.autonomy), name="telemetry to the node")
         stack.push_async_callback(stop, telemetry)
         yield found
+
+
+def _types(part: Ros2Part, folder: Path) -> RosTypes:
+    """Return the types of a node's messages. folder: of the campaign. Raises KeyFaultError."""
+    if part.px4_msgs is None:
+        return ros_types(part.distribution)
+    return px4_types(part.distribution, folder / part.px4_msgs)
 
 
 @asynccontextmanager
@@ -144,8 +160,9 @@ class _NodeFlight:
         self._loop = asyncio.get_running_loop()
         self._decided: set[str] = set()
         sensors = self._setup.vehicle(self._name).sensors
-        self._topics = NodeTopics(wire, _out_topics(part, vehicle), part.topics)
-        self._inbox = SetpointInbox(_in_topics(part))
+        names = part.topics if part.px4_msgs is None else {**px4_names(types), **part.topics}
+        self._topics = NodeTopics(wire, _out_topics(part, vehicle), names)
+        self._inbox = SetpointInbox(_in_topics(part, names))
         self._sensors = sensors
         for name, topic in self._inbox.topics.items():
             wire.listen(name, topic.type, self._inbox.take)
@@ -180,6 +197,7 @@ class _NodeFlight:
     def build(self, node: NodeProcess | None) -> OpenNode:
         """Return the open node, of which nothing has come yet. Raises WireError."""
         is_virtual = self._setup.clock == "virtual"
+        px4 = None if self._part.px4_msgs is None else Px4Vehicle(self._types)
         autonomy = NodeAutonomy(
             topics=self._topics,
             inbox=self._inbox,
@@ -190,7 +208,10 @@ class _NodeFlight:
             rules=self._rules(),
             decide_blind=partial(self._decide_once, "INVALID", "was blind: "),
             abort=partial(self._decide_once, "ABORTED", "asked for an abort: "),
+            px4=px4,
         )
+        if px4 is not None:
+            self._run_state.on_stage(lambda stage, _: px4.enter(stage))
         autonomy.latch(GOAL, json.dumps(dict(self._setup.campaign.under_test.goal)))
         self._run_state.on_stage(lambda stage, _: autonomy.latch(STAGE, stage))
         self._run_state.on_decisive(
@@ -278,10 +299,11 @@ class _NodeFlight:
         which = "" if missing else "any of "
         lines = "" if found.node is None else found.node.last_lines()
         printed = f"; its last lines: {lines}" if lines else ""
+        mismatches = "; ".join(self._wire.mismatches())
+        remedy = "check its RMW_IMPLEMENTATION, and its topics by autonomy.ros2.topics"
         return (
             f"is a node that has not subscribed to {which}{names} within {self._part.start_s:g} s "
-            f"(autonomy.ros2.start_s): check its RMW_IMPLEMENTATION, and its topics by "
-            f"autonomy.ros2.topics{printed}"
+            f"(autonomy.ros2.start_s): {mismatches or remedy}{printed}"
         )
 
     def _on_node_end(self) -> None:
@@ -308,7 +330,7 @@ class _NodeFlight:
 
 def _out_topics(part: Ros2Part, vehicle: FlownVehicle) -> tuple[OutTopic, ...]:
     setup, name = vehicle.setup, vehicle.context.name
-    found = list(OWN)
+    found = [*OWN, *(PX4_OUT if part.px4_msgs is not None else ())]
     for sensor in setup.vehicle(name).sensors:
         word = word_of(sensor.name)
         found += sensor_topics(word, sensor.kind, compressed=part.compressed)
@@ -321,9 +343,11 @@ def _out_topics(part: Ros2Part, vehicle: FlownVehicle) -> tuple[OutTopic, ...]:
     return tuple(found)
 
 
-def _in_topics(part: Ros2Part) -> dict[str, InTopic]:
+def _in_topics(part: Ros2Part, names: Mapping[str, str | None]) -> dict[str, InTopic]:
     ours = {**SETPOINTS, **WORDS}
-    named = ((part.topics.get(name, name), name, kind) for name, kind in ours.items())
+    if part.px4_msgs is not None:
+        ours |= {**PX4_SETPOINTS, **PX4_WORDS}
+    named = ((names.get(name, name), name, kind) for name, kind in ours.items())
     return {to: InTopic(name, kind) for to, name, kind in named if to is not None}
 
 

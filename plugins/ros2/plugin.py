@@ -1,6 +1,12 @@
 """What the plugin ros2 adds."""
 
-from wil_campaign.hooks import AutonomyKind, Command, StarterOption, implements
+from wil_campaign.hooks import (
+    AutonomyKind,
+    Command,
+    RecordingFormat,
+    StarterOption,
+    implements,
+)
 
 
 @implements
@@ -26,6 +32,18 @@ def commands() -> tuple[Command, ...]:
             "export",
             "wil_campaign.plugins.ros2.bags.export_command:export",
             "Write a recorded run as a bag of ROS 2.",
+        ),
+    )
+
+
+@implements
+def recording_formats() -> tuple[RecordingFormat, ...]:
+    """Return bags of ROS 2."""
+    return (
+        RecordingFormat(
+            "ros2",
+            trouble="wil_campaign.plugins.ros2.bags.bag_file_of_run:trouble",
+            write="wil_campaign.plugins.ros2.bags.bag_file_of_run:write",
         ),
     )
 

@@ -14,7 +14,14 @@ from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
 from rclpy.signals import SignalHandlerOptions
 
 FRAME = struct.Struct("<cHI")
@@ -22,6 +29,7 @@ ADVERTISE, PUBLISH = b"A", b"P"
 """What comes; any other kind asks to listen."""
 READY, STATUS, MESSAGE = b"R", b"S", b"M"
 _LOOK_S = 0.05
+_LOOKS_A_SECOND = 20
 _DEPTH = 10
 
 
@@ -37,6 +45,8 @@ class Relay:
         """What was published last on topics that a service tells."""
         self._subscriptions: list[Any] = []
         self._sent_graph = ""
+        self._looks = 0
+        self._mismatches: list[str] = []
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node("wil")
         self._node.create_timer(_LOOK_S, self._tell_graph)
@@ -141,10 +151,32 @@ class Relay:
             ]
             for index, name in list(self._listened.items())
         }
-        graph = json.dumps({"subscribed": subscribed, "publishers": publishers})
+        self._looks += 1
+        if self._looks % _LOOKS_A_SECOND == 0:
+            self._mismatches = self._look_for_mismatches()
+        graph = json.dumps(
+            {"subscribed": subscribed, "publishers": publishers, "mismatches": self._mismatches}
+        )
         if graph != self._sent_graph:
             self._sent_graph = graph
             self._send(STATUS, 0, graph.encode())
+
+    def _look_for_mismatches(self) -> list[str]:
+        """Return in words the subscriptions to our topics that DDS does not match."""
+        found = []
+        for one in list(self._publishers.values()):
+            if one.get_subscription_count():
+                continue
+            for their in self._node.get_subscriptions_info_by_topic(one.topic_name):
+                where = f"the node {their.node_name} subscribes to {one.topic_name}"
+                ours = _type_name(one.msg_type)
+                if their.topic_type != ours:
+                    found.append(f"{where} with {their.topic_type}, not {ours}")
+                    continue
+                worst, why = qos_check_compatible(one.qos_profile, their.qos_profile)
+                if worst == QoSCompatibility.ERROR:
+                    found.append(f"{where} with another quality of service: {why.strip()}")
+        return sorted(found)
 
     def _send(self, kind: bytes, index: int, data: bytes) -> None:
         with self._sending:
@@ -152,6 +184,10 @@ class Relay:
                 self._connection.sendall(FRAME.pack(kind, index, len(data)) + data)
             except OSError:  # the run is over
                 return
+
+
+def _type_name(cls: Any) -> str:
+    return f"{cls.__module__.partition('.')[0]}/msg/{cls.__name__}"
 
 
 def _class_of(name: str) -> Any:

@@ -38,6 +38,7 @@ class RclpyWire:
         self._listened: dict[int, tuple[str, Take]] = {}
         self._types: dict[int, str] = {}
         self._subscribers: dict[int, int] = {}
+        self._mismatches: list[str] = []
         self.is_ready = threading.Event()
         self._reader = threading.Thread(target=self._read, name="rclpy relay", daemon=True)
         self._reader.start()
@@ -68,6 +69,10 @@ class RclpyWire:
         """Publish a message; return whether the relay took it."""
         del stamp_ns
         return self._send(PUBLISH, self._indices[name], cdr)
+
+    def mismatches(self) -> list[str]:
+        """Return in words the subscriptions by another type or quality, as ROS last knew."""
+        return self._mismatches
 
     def trouble(self) -> str:
         """Return in words how the relay has ended; "" while it runs."""
@@ -108,9 +113,10 @@ class RclpyWire:
                     name, take = self._listened[index]
                     take(InMessage(name, self._types[index], data))
 
-    def _take_graph(self, graph: dict[str, dict[str, Any]]) -> None:
+    def _take_graph(self, graph: dict[str, Any]) -> None:
         """Take who subscribes, and who publishes to us."""
         self._subscribers = {int(index): count for index, count in graph["subscribed"].items()}
+        self._mismatches = graph["mismatches"]
         for index, publishers in graph["publishers"].items():
             name, take = self._listened[int(index)]
             for type_, sender in publishers:

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import Field
 
 from wil_campaign.campaigns.setup.autonomy_under_test import ForeignAutonomy
-from wil_campaign.foundation.files.documents import Document, Problem
+from wil_campaign.foundation.files.documents import Document, KeyFaultError, Problem
 from wil_campaign.foundation.files.problems import closest
 from wil_campaign.plugins.ros2.ros2_part import Ros2Part
 
@@ -55,14 +55,28 @@ class Ros2Autonomy(ForeignAutonomy):
         """Return a program or file that is missing, a wire that is not installed, no topics."""
         faults = self.part.faults(folder)
         found = [campaign.problem(("autonomy", self.kind, *one.path), str(one)) for one in faults]
-        # The topics' types are those of rosbags, without which a problem says so.
-        return found if find_spec("rosbags") is None else found + list(self._unknown(campaign))
+        if find_spec("rosbags") is None:  # whose types the topics have: a problem says so
+            return found
+        return [*found, *self._px4_problems(campaign, folder), *self._unknown(campaign)]
+
+    def _px4_problems(self, campaign: Document, folder: Path) -> Iterator[Problem]:
+        """Yield what of PX4's definitions is missing, or cannot be read."""
+        from wil_campaign.plugins.ros2.px4.px4_types import px4_types  # noqa: PLC0415 - of an extra
+
+        if self.part.px4_msgs is None:
+            return
+        try:
+            px4_types(self.part.distribution, folder / self.part.px4_msgs)
+        except KeyFaultError as error:
+            yield campaign.problem(("autonomy", self.kind, *error.path), str(error))
 
     def _unknown(self, campaign: Document) -> Iterator[Problem]:
         """Yield topics of `needs` and `barrier` on which no vehicle's sensor has anything."""
         from wil_campaign.plugins.ros2.messages.topics import OWN  # noqa: PLC0415 - of an extra
+        from wil_campaign.plugins.ros2.px4.px4_types import PX4_OUT  # noqa: PLC0415
 
-        ours = {one.name for one in OWN} | set(_topics_of_sensors(campaign, self.part))
+        own = OWN if self.part.px4_msgs is None else (*OWN, *PX4_OUT)
+        ours = {one.name for one in own} | set(_topics_of_sensors(campaign, self.part))
         known = {name for name in ours if self.part.topics.get(name, name) is not None}
         known |= {self.part.topics[name] or "" for name in known & set(self.part.topics)}
         barrier = [] if self.part.barrier is None else self.part.barrier.topics

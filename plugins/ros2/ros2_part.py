@@ -46,11 +46,12 @@ class BarrierPart(Part):
 class Ros2Part(Part):
     """The `ros2` of the campaign's autonomy: a node that is started with a run, or found.
 
-    command: program and arguments, run in the folder of this file. run: package and executable, of
-    `ros2 run`. launch: a launch file beside this one. found: the node runs already. wire: zenoh, of
-    rmw_zenoh and of nodes without ROS; or rclpy, of any middleware that the node's own Python has.
-    python: the interpreter that has rclpy. distribution: whose message definitions count. topics:
-    other names for topics by their names here; null is not published, or not listened to.
+    command: program and arguments, run in the folder of this file. run: package, executable and
+    arguments of `ros2 run`. launch: a launch file beside this one. found: the node runs already.
+    wire: zenoh, of rmw_zenoh and of nodes without ROS; or rclpy, of any middleware that the node's
+    own Python has. python: the interpreter that has rclpy. distribution: whose message definitions
+    count. topics: other names for topics by their names here; null is not published, or not
+    listened to. px4_msgs: the folder of PX4's message definitions, for a node that flies by them.
     compressed: whether images are published as CompressedImage, too. needs: topics without which
     the node is blind. barrier: what time waits for. start_s: how long the node may take until it
     subscribes. silent_s: how long it may publish no setpoint. domain: of ROS; by default a free one
@@ -60,13 +61,14 @@ class Ros2Part(Part):
     model_config = ConfigDict(frozen=True)
 
     command: Words | None = None
-    run: Annotated[list[str], Field(min_length=2, max_length=2)] | None = None
+    run: Annotated[list[str], Field(min_length=2)] | None = None
     launch: Annotated[str, Field(min_length=1)] | None = None
     found: Literal[True] | None = None
     wire: WireName = "zenoh"
     python: Annotated[str, Field(min_length=1)] = "python3"
     distribution: Distribution = "jazzy"
     topics: dict[Topic, Topic | None] = Field(default_factory=dict)
+    px4_msgs: Annotated[str, Field(min_length=1)] | None = None
     compressed: bool = False
     needs: list[Topic] = Field(default_factory=list)
     barrier: BarrierPart | None = None

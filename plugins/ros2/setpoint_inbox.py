@@ -6,8 +6,9 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from wil_campaign.plugins.ros2.messages.setpoint_messages import stamp_of
+from wil_campaign.plugins.ros2.messages.setpoint_messages import stamp_in, stamp_of
 from wil_campaign.plugins.ros2.messages.topics import WORDS
+from wil_campaign.plugins.ros2.px4.px4_types import PX4_WORDS
 from wil_campaign.plugins.ros2.wire import InMessage
 
 _LOOK_S = 0.1
@@ -48,7 +49,7 @@ class SetpointInbox:
         self._changed = threading.Condition()
         self._recent: deque[Received] = deque(maxlen=_KEPT)
         self._numbers = 0
-        self._words: dict[str, bytes] = {}
+        self._words: dict[str, deque[bytes]] = {}
 
     def take(self, message: InMessage) -> None:
         """Take a message of the node."""
@@ -62,12 +63,13 @@ class SetpointInbox:
                 topic.senders.add(message.sender)
             if message.cdr is None:
                 return
-            if topic.name in WORDS:
+            if topic.name in WORDS or topic.name in PX4_WORDS:
                 topic.used += 1
-                self._words[topic.name] = message.cdr
+                words = self._words.setdefault(topic.name, deque(maxlen=_KEPT))
+                words.append(message.cdr)
                 return
             self._numbers += 1
-            stamp_ns = stamp_of(message.cdr)
+            stamp_ns = stamp_of(message.cdr, topic.type)
             self._recent.append(Received(self._numbers, topic, message.cdr, stamp_ns))
             self._changed.notify_all()
 
@@ -79,8 +81,12 @@ class SetpointInbox:
 
     def word(self, name: str) -> bytes | None:
         """Return the newest message of a topic of words, and forget it; None without one."""
+        return next(reversed(self.words(name)), None)
+
+    def words(self, name: str) -> list[bytes]:
+        """Return the messages of a topic of words, the newest last, and forget them."""
         with self._changed:
-            return self._words.pop(name, None)
+            return list(self._words.pop(name, ()))
 
     def count(self) -> int:
         """Return how many setpoint messages have come: the number of the newest."""
@@ -101,7 +107,7 @@ class SetpointInbox:
                 for one in reversed(self._recent):
                     if one.number <= after:
                         break
-                    if one.stamp_ns == stamp_ns:
+                    if one.stamp_ns == stamp_in(one.topic.type, stamp_ns):
                         return one
                 if time.monotonic() >= until_s or is_gone():
                     return None

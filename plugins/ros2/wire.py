@@ -46,6 +46,10 @@ class Wire(Protocol):
         """Publish a message; return whether the wire took it."""
         ...
 
+    def mismatches(self) -> list[str]:
+        """Return in words the subscriptions to our topics that get nothing, and why."""
+        ...
+
     def trouble(self) -> str:
         """Return in words why nothing goes over the wire any more; "" while it does."""
         ...

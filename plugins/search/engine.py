@@ -6,8 +6,11 @@ from pathlib import Path
 from typing import Protocol
 
 from wil_campaign.campaigns.expansion.expansion import Campaign
-from wil_campaign.orchestrator.campaign.campaign_runner import Watcher, fly_campaign
+from wil_campaign.orchestrator.campaign.campaign_runner import fly_campaign
+from wil_campaign.orchestrator.campaign.display_thread import Display
 from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
+from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
+from wil_campaign.orchestrator.cli.arming_consent import NotConfirmedError, clear
 from wil_campaign.orchestrator.model.results import RunResult, Stop
 
 _SIGNAL, _COMMAND, _BROKEN = 130, 4, 3
@@ -38,18 +41,39 @@ class Engine(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BatchEngine:
-    """Flies each batch as a campaign. cleared: as what."""
+    """Flies each batch as a campaign. cleared: as what.
+
+    asks: with what a person at the terminal is asked before each batch with an attached vehicle;
+    None where nothing that is attached flies.
+    """
 
     cleared: Cleared
-    watcher: Watcher
+    watcher: Display
+    asks: FlightOptions | None = None
 
     def fly(self, campaign: Campaign, folder: Path) -> EngineResult:
         """Fly a batch's campaign, or resume it."""
         options = FlightOptions(resume=(folder / "campaign.json").is_file())
-        outcome = fly_campaign(campaign, options, self.cleared, self.watcher, batch=folder)
+        cleared = self.cleared
+        if self.asks is not None and attached_vehicles(campaign):
+            try:
+                cleared = self._ask(campaign, self.asks)
+            except NotConfirmedError as error:
+                self.watcher.say(f"{error}; the search ends")
+                return EngineResult(runs={}, stopped="command")
+        outcome = fly_campaign(campaign, options, cleared, self.watcher, batch=folder)
         stops: dict[int, Stop] = {_SIGNAL: "signal", _COMMAND: "command"}
         return EngineResult(
             runs={f"{one.case}/{one.mode}/{one.rep}": one for one in outcome.summary.runs},
             stopped=stops.get(outcome.exit_code),
             is_broken=outcome.exit_code == _BROKEN,
         )
+
+    def _ask(self, campaign: Campaign, options: FlightOptions) -> Cleared:
+        """Return what a person has cleared the batch's flights to be flown as.
+
+        Raises RefusedError; NotConfirmedError without consent.
+        """
+        self.watcher.say("bring the vehicles back to their starts; then consent to the next flight")
+        self.watcher.settle()
+        return clear(campaign, options)

@@ -13,14 +13,14 @@ from cyclopts import Parameter
 from wil_campaign.campaigns.expansion.expansion import Options
 from wil_campaign.campaigns.setup.bench_file import load_benches
 from wil_campaign.foundation.clocks.virtual_loop import Clock
-from wil_campaign.orchestrator.campaign.display_thread import Display
+from wil_campaign.orchestrator.campaign.display_thread import Display, DisplayThread
 from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
-from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
+from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
 from wil_campaign.orchestrator.campaign.resuming.resumption import ResumeError
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL, EngineError
 from wil_campaign.orchestrator.cli.arming_consent import RefusedError
 from wil_campaign.orchestrator.cli.engine_flight import check_engine, result_store
-from wil_campaign.orchestrator.cli.progress_display import display_of, plain_console
+from wil_campaign.orchestrator.cli.progress_display import LineDisplay, display_of, plain_console
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import table
 from wil_campaign.orchestrator.operator.errors import OperatingError
@@ -101,6 +101,7 @@ def search(
     engine: str = LOCAL,
     store: str = "",
     bench_file: Annotated[tuple[Path, ...], Parameter(negative=())] = (),
+    arm_real: Annotated[bool, Parameter(negative=())] = False,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """Look for variants of a campaign that fail, as its `search` says; confirm and reduce them.
@@ -130,13 +131,21 @@ def search(
     store
         The store through which results come, as of `run`: s3://BUCKET/PREFIX.
     bench_file
-        A bench of this machine, whose fence the search keeps; may be given several times. Its
-        vehicle is not flown by a search.
+        A bench of this machine, whose fence the search keeps; may be given several times.
+    arm_real
+        Allow arming attached vehicles, which may be hardware, in the modes that the budget has. It
+        needs a person at the terminal, who is asked before each batch.
     json_
         Print search.json on standard output and nothing else there.
     """
     options = FlightOptions(
-        out=out_, clock=clock, jobs=jobs, resume=resume, engine=engine, store=store
+        out=out_,
+        clock=clock,
+        jobs=jobs,
+        resume=resume,
+        engine=engine,
+        store=store,
+        arm_real=arm_real,
     )
     try:
         check_engine(engine)  # before anything is read
@@ -144,8 +153,10 @@ def search(
         selection = Options(
             seed=seed, sets=set_, is_autonomy_isolated=True, benches=load_benches(bench_file)
         )
-        found, outcome = fly_file(file, selection, options, partial(_display, json=json_))
-    except (OutputError, OperatingError) as error:
+        found, outcome = fly_file(
+            file, selection, options, partial(_display, json=json_, asks=arm_real)
+        )
+    except (OutputError, OperatingError, TakenError) as error:
         err(error)
         return 3
     except (RefusedError, EngineError) as error:
@@ -158,8 +169,11 @@ def search(
     return outcome.exit_code
 
 
-def _display(total: int, *, json: bool) -> Display:
-    """Return the progress display of at most `total` flights."""
+def _display(total: int, *, json: bool, asks: bool) -> Display:
+    """Return the progress display of at most `total` flights. asks: a person between them."""
+    if asks and not json:
+        # Nothing is drawn again over a question.
+        return DisplayThread(LineDisplay(console=plain_console(soft_wrap=True), total=total))
     return display_of(json=json, total=total)
 
 

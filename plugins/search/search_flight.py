@@ -1,15 +1,25 @@
 """Flies the search of a campaign file from its beginning to its report."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from wil_campaign.campaigns.expansion.expansion import Options
 from wil_campaign.orchestrator.campaign.display_thread import Display
 from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
+from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import require_writable
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
+from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL
 from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
-from wil_campaign.orchestrator.cli.arming_consent import RefusedError, clear
+from wil_campaign.orchestrator.cli.arming_consent import (
+    REFUSED,
+    RefusedError,
+    clear,
+    has_terminal,
+    require_may_arm,
+    user_name,
+)
 from wil_campaign.orchestrator.cli.engine_flight import on_engine
 from wil_campaign.plugins.search.engine import BatchEngine
 from wil_campaign.plugins.search.exploration.search import most_flights
@@ -25,15 +35,24 @@ def fly_file(
     """Fly the search of a campaign file. display_of: shows it, given its largest number of flights.
 
     Raises BadInput, OutputError, OperatingError, RefusedError, EngineError, ResumeError,
-    SearchError, MissingExtraError.
+    SearchError, MissingExtraError, TakenError.
     """
     found = load_search(file, selection)
-    _refuse_attached(found)
+    attached = bool(attached_vehicles(found.flown))
+    if attached:
+        _require_person(found, options)
     require_writable(options.out, junit=None)
     start_run_server()
-    here = clear(found.flown, options)
+    # Where a vehicle is attached, the person is asked before each batch.
+    here = clear(found.flown, replace(options, arm=not attached))
+    if here.settings:
+        found = load_search(file, replace(selection, sets=(*selection.sets, *here.settings)))
     most = most_flights(found.problem(at_once=here.jobs))
-    with on_engine(found.flown, options, here, runs=most, again=True) as cleared:
+    benches = found.campaign.benches if attached else ()
+    with (
+        held_benches(benches),
+        on_engine(found.flown, options, here, runs=most, again=True) as cleared,
+    ):
         most = most_flights(found.problem(at_once=cleared.jobs))
         with display_of(most) as display:
             strategy = found.part.strategy
@@ -41,7 +60,8 @@ def fly_file(
                 f"{found.campaign.name}: search by {strategy}, at most {most} flights, "
                 f"{cleared.jobs} at a time, {cleared.clock} clock"
             )
-            engine = BatchEngine(cleared=cleared, watcher=display)
+            asks = options if attached else None
+            engine = BatchEngine(cleared=cleared, watcher=display, asks=asks)
             return found, fly_search(found, options, cleared, engine, display.say)
 
 
@@ -58,16 +78,28 @@ def write_report(
         return None
 
 
-def _refuse_attached(found: SearchCampaign) -> None:
-    """Raise RefusedError where the budget has a mode in which an attached vehicle flies."""
+def _require_person(found: SearchCampaign, options: FlightOptions) -> None:
+    """Raise RefusedError where an attached vehicle would fly without a person who consents."""
     attached = attached_vehicles(found.flown)
-    if not attached:
-        return
     names = " and ".join(one.name for one in attached)
     where = "".join(f" of bench {bench.name}" for bench in found.campaign.benches)
-    raise RefusedError(
-        f"{names}{where}: a search flies no attached vehicle, because no person brings it back to "
-        "its start between proposals; give a budget to mode sim alone, and fly the files of "
-        "failures by `run`",
-        2,
-    )
+    if not options.arm_real:
+        raise RefusedError(
+            f"{names}{where}: a search flies no attached vehicle without --arm-real, and a person "
+            "at the terminal who brings it back to its start and consents before each batch; else "
+            "give a budget to mode sim alone, and fly the files of failures by `run`",
+            REFUSED,
+        )
+    if options.engine != LOCAL:
+        raise RefusedError(
+            f"--engine {options.engine}: {names} is attached to one machine, where consent to arm "
+            "is given; search there with --engine local",
+            REFUSED,
+        )
+    if not has_terminal():
+        raise RefusedError(
+            f"{names}{where}: a search arms an attached vehicle only with a person at a terminal, "
+            "who consents before each batch",
+            REFUSED,
+        )
+    require_may_arm(found.campaign.benches, user_name())

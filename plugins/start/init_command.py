@@ -30,6 +30,8 @@ _FILES = {
     "autonomy.py.in": "autonomy.py",
     "github-workflow.yml.in": _WORKFLOW,
 }
+_PROFILE = "profile.yaml"
+_PROFILE_KEY = re.compile(r"^( +profile: )\w+$", re.MULTILINE)
 _SCHEMAS = "schemas"
 """The folder of the JSON Schemas that the first lines of the files name, for editors."""
 _INSTALL = "      - run: pip install {requirement}"
@@ -74,13 +76,17 @@ def init(
         The log of a flight, whose course, origin, vehicle and parameters the campaign takes: a
         .tlog, .ulg (PX4) or .bin (ArduPilot), a bag of ROS 2 in MCAP, or the folder of a run.
     profile
-        With --from: write the vehicle's profile, too, as far as the log states it.
+        Write the vehicle's profile, too: every key with its unit and default, for your own drone;
+        with --from as far as the log states it.
     """
-    if fault := _fault_of(name, from_, kinds, profile=profile):
+    if fault := _fault_of(name, from_, kinds):
         err(fault)
         return 2
     place = Path(name) if folder is None else folder
-    texts = _template(name, kinds) if from_ is None else _from_log(from_, name, profile=profile)
+    if from_ is None:
+        texts = _template(name, kinds, profile=profile)
+    else:
+        texts = _from_log(from_, name, profile=profile)
     texts |= {f"{_SCHEMAS}/{file}": text for file, text in schema_texts().items()}
     if there := [one for one in texts if (place / one).exists()]:
         err(printable(f"{place} has {', '.join(there)} already; nothing was written"))
@@ -105,10 +111,8 @@ def init(
     return 0
 
 
-def _fault_of(name: str, log: Path | None, kinds: PluginOptions, *, profile: bool) -> str:
+def _fault_of(name: str, log: Path | None, kinds: PluginOptions) -> str:
     """Return why nothing can be written as it is asked for; "" where it can."""
-    if profile and log is None:
-        return "--profile is made from a log: give --from LOG"
     for kind in given(kinds):
         if why := absent(starter_options).get(kind):
             return why
@@ -123,9 +127,13 @@ def _fault_of(name: str, log: Path | None, kinds: PluginOptions, *, profile: boo
     )
 
 
-def _template(name: str, kinds: PluginOptions) -> dict[str, str]:
+def _template(name: str, kinds: PluginOptions, *, profile: bool) -> dict[str, str]:
     """Return the texts of the template's files, by name."""
     texts = {target: _filled(source, name) for source, target in _FILES.items()}
+    if profile:
+        texts[_PROFILE] = _filled("profile.yaml.in", name)
+        campaign = texts["campaign.yaml"]
+        texts["campaign.yaml"] = _PROFILE_KEY.sub(rf"\g<1>{_PROFILE}", campaign)
     for kind in given(kinds):
         texts = load(added(starter_options)[kind].files)(texts)
     return texts

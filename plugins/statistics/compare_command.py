@@ -1,6 +1,7 @@
 """`wil-campaign compare`: whether a case became worse since earlier flights."""
 
 import json
+import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -12,12 +13,16 @@ from wil_campaign.foundation.files.problems import printable
 from wil_campaign.orchestrator.cli.markdown import markdown_table, markdown_text
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import table
+from wil_campaign.orchestrator.model.document_writer import write_whole
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
+from wil_campaign.orchestrator.recording.timestamps import utc_text
 from wil_campaign.plugins.statistics.comparison.baseline import FlownSet
 from wil_campaign.plugins.statistics.comparison.comparison import Comparison
+from wil_campaign.plugins.statistics.comparison.comparison_page import Linked, render_comparison
 from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
 from wil_campaign.plugins.statistics.comparison.folder_comparison import FolderComparison
 from wil_campaign.plugins.statistics.comparison.folder_comparison import compare as compare_folders
+from wil_campaign.plugins.statistics.report_links import REPORT, link_from
 
 _HEAD = ("case", "mode", "what", "before", "after", "flights", "p", "")
 _Share = Annotated[float, Parameter(validator=Number(gt=0.0, lt=1.0))]
@@ -35,6 +40,7 @@ def compare(
     changed: Annotated[bool, Parameter(negative=())] = False,
     json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
     markdown: Annotated[bool, Parameter(negative=())] = False,
+    page: Path | None = None,
 ) -> int:
     """Compare two campaigns: exit code 1 when a case became worse beyond chance and size.
 
@@ -71,6 +77,8 @@ def compare(
         Print one JSON document.
     markdown
         Print Markdown, as a comment in a pull request.
+    page
+        Write one HTML page here: intervals, changed settings, links to the reports.
     """
     if json_ and markdown:
         err("--json and --markdown are two forms of one output: give one of them")
@@ -87,6 +95,12 @@ def compare(
     except (ResultsFolderError, ComparisonError) as error:
         err(printable(str(error)))
         return 2
+    try:
+        if page is not None:
+            write_whole(page, _as_page(compared, page, after=after))
+    except OSError as error:
+        err(f"{page} cannot be written: {error.strerror or error}")
+        return 3
     if json_:
         out(_as_json(compared))
     else:
@@ -118,6 +132,30 @@ def _as_markdown(compared: FolderComparison, *, after: Path) -> str:
     parts += [markdown_table(_HEAD, _rows(compared.found))]
     parts += ["\n".join(f"- {markdown_text(line)}" for line in lines)] if lines else []
     return "\n\n".join(parts)
+
+
+def _as_page(compared: FolderComparison, page: Path, *, after: Path) -> str:
+    """Return the comparison as HTML, with links from the page to the reports."""
+    *sentences, last = _sentences(compared)
+    of_settings = ("not set any more: ", "other settings: ", "also changed: ")
+
+    def linked(folder: Path) -> Linked:
+        report = folder / REPORT
+        name = folder.absolute().name
+        return Linked(name, link_from(page, report) if report.is_file() else "")
+
+    return render_comparison(
+        compared.found.changes,
+        compared.settings,
+        conclusion=last,
+        sentences=[
+            *(one for one in sentences if not one.startswith(of_settings)),
+            *compared.problems,
+        ],
+        before=[linked(one) for one in compared.baseline.folders],
+        after=linked(after),
+        made_utc=utc_text(time.time()),
+    )
 
 
 def _names(baseline: FlownSet) -> str:

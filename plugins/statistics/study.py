@@ -9,6 +9,7 @@ from wil_campaign.orchestrator.reading.model import CampaignDocuments
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
 from wil_campaign.plugins.statistics.gap.campaign_gap import read_gap
 from wil_campaign.plugins.statistics.gap.gap import Gap
+from wil_campaign.plugins.statistics.object_speeds import ObjectSpeed, read_object_speeds
 from wil_campaign.plugins.statistics.pass_rates import PassRates, pass_rates
 from wil_campaign.plugins.statistics.published import Published, published_of
 
@@ -18,11 +19,15 @@ FILE_NAME = "statistics.json"
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """The statistics of one campaign. published: counts of another source, shown beside."""
+    """The statistics of one campaign. published: counts of another source, shown beside.
+
+    speeds: of moving objects, by case and mode.
+    """
 
     rates: PassRates
     gap: Gap
     published: Published = field(default_factory=Published)
+    speeds: tuple[ObjectSpeed, ...] = ()
 
     @classmethod
     def read(cls, folder: Path, campaign: CampaignDocuments | None = None) -> Self:
@@ -33,7 +38,12 @@ class Study:
         documents = read_campaign(folder) if campaign is None else campaign
         runs = [entry.result for entry in documents.entries if entry.result is not None]
         published = published_of(documents.manifest.get("document"))
-        return cls(pass_rates(runs), read_gap(folder, documents.entries), published)
+        return cls(
+            pass_rates(runs),
+            read_gap(folder, documents.entries),
+            published,
+            read_object_speeds(folder, documents.entries),
+        )
 
 
 def study_json(campaign: CampaignDocuments, study: Study) -> str:
@@ -48,6 +58,7 @@ def study_json(campaign: CampaignDocuments, study: Study) -> str:
             "agreement": [asdict(one) for one in study.rates.agreement],
             "gap": [asdict(one) for one in study.gap.figures],
             "gap_energy": [asdict(one) for one in study.gap.energies],
+            "object_speeds": [asdict(one) for one in study.speeds],
             "flights": dict(study.gap.flights or {}),
             "left_out": list(study.gap.left_out),
             "published": {

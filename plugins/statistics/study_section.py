@@ -15,6 +15,7 @@ from wil_campaign.plugins.statistics.study_tables import (
     gap_rows,
     has_modes_to_compare,
     result_rows,
+    speed_rows,
     statements,
 )
 from wil_campaign.plugins.statistics.study_text import study_text
@@ -45,6 +46,7 @@ def _html(campaign: CampaignDocuments, study: Study) -> str:
         results=result_rows(study),
         gap=gap_rows(study),
         energies=energy_rows(study),
+        speeds=speed_rows(study),
         statements=statements(study),
         conclusions=conclusions(study),
         stand_in=stand_in(campaign),

@@ -35,6 +35,15 @@ _ENERGY_HEAD = (
     "nearer by",
     "wil nearer",
 )
+_SPEED_HEAD = (
+    "case",
+    "object",
+    "mode",
+    "flights",
+    "mean speed",
+    "SD in a flight",
+    "SD of the means",
+)
 _ANSWERS = {True: "yes", False: "no", None: "undecided"}
 
 
@@ -82,6 +91,27 @@ def energy_rows(study: Study) -> Rows:
     figures = study.gap.energies
     is_known = any(one.sim is not None or one.wil is not None for one in figures)
     return Rows(_ENERGY_HEAD, tuple(map(_energy_row, figures)) if is_known else ())
+
+
+def speed_rows(study: Study) -> Rows:
+    """Return the speeds of moving objects by case and mode, m/s."""
+    rows = (
+        (
+            one.case,
+            one.object,
+            MODE_NAMES.get(one.mode, one.mode),
+            str(one.flights),
+            _speed(one.mean_m_s),
+            _speed(one.within_m_s),
+            _speed(one.between_m_s),
+        )
+        for one in study.speeds
+    )
+    return Rows(_SPEED_HEAD, tuple(rows))
+
+
+def _speed(value_m_s: float | None) -> str:
+    return NONE if value_m_s is None else f"{value_m_s:.2f} m/s"
 
 
 def statements(study: Study) -> list[str]:

@@ -9,6 +9,7 @@ from wil_campaign.plugins.statistics.study_tables import (
     energy_rows,
     gap_rows,
     result_rows,
+    speed_rows,
     statements,
 )
 
@@ -21,6 +22,8 @@ def study_text(study: Study) -> str:
         parts.append(_text(gap_rows(study)))
     if (energies := energy_rows(study)).rows:
         parts.append(f"with the spread of each mode taken into account:\n\n{_text(energies)}")
+    if (speeds := speed_rows(study)).rows:
+        parts.append(f"how fast moving objects were:\n\n{_text(speeds)}")
     parts.append("\n".join(printable(text) for text in statements(study)))
     return "\n\n".join(part for part in parts if part)
 

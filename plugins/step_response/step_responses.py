@@ -16,6 +16,7 @@ from wil_campaign.plugins.step_response.event_order import EventTrace, OrderRow,
 from wil_campaign.plugins.step_response.figures import figures_of
 from wil_campaign.plugins.step_response.flight import StepFlight
 from wil_campaign.plugins.step_response.segments import Series
+from wil_campaign.safety.guard.core.commands import BringDown
 from wil_campaign.safety.guard.core.events import (
     GuardedVehicle,
     GuardEvent,
@@ -185,7 +186,7 @@ async def _fly_until_takeover(flight: StepFlight, guard: RemoteGuard) -> Series:
 
 async def _bring_down(guard: Guard, reason: str) -> None:
     """Have the guard land and disarm the vehicle. Raises NotDownError."""
-    guard.bring_down(reason)
+    guard.send(BringDown(reason))
     if not await guard.all_down(_ALL_DOWN_S):
         raise NotDownError(
             f"{reason}; {_NAME} did not report landed and disarmed within {_ALL_DOWN_S:g} s after "

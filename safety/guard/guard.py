@@ -1,65 +1,82 @@
-"""The interface of a guard, in this process or in its own."""
+"""The interface of a guard, in this process or in its own, and what both share."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol, Self
+import asyncio
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import Self
 
-from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.foundation.tasks import Contained
+from wil_campaign.safety.guard.core.commands import Command
 from wil_campaign.safety.guard.core.contingency import Phase
 from wil_campaign.safety.guard.core.events import GuardEvent
-from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.model.samples import PoseSample
-from wil_campaign.vehicles.poses.anchor import Anchor
 
 
-class Guard(Protocol):
-    """The guard between orchestrator and vehicles (protocol); an async context manager.
+class Guard(ABC):
+    """The guard between orchestrator and vehicles; an async context manager.
 
-    Its decisions are reported as events. Leaving the context ends it: land before that.
+    Its decisions are reported as events; `events` holds all of them so far. Leaving the context
+    ends it: land before that.
     """
 
-    @property
-    def events(self) -> Sequence[GuardEvent]:
-        """Return all events of the guard so far."""
+    def __init__(self) -> None:
+        self.events: list[GuardEvent] = []
+        self._listeners: list[Callable[[GuardEvent], None]] = []
+        self._down = asyncio.Event()
+        self._rest = asyncio.Event()
 
     @property
+    @abstractmethod
     def phases(self) -> Mapping[str, Phase]:
         """Return the contingency phase of each vehicle in the guard."""
 
+    @abstractmethod
     async def __aenter__(self) -> Self:
         """Open the guard's links. Raises LinkError."""
 
+    @abstractmethod
     async def __aexit__(self, *_: object) -> None:
         """Close the guard's links."""
 
-    def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
-        """Register a listener for every event of the guard, called from the event loop."""
-
+    @abstractmethod
     def position(self, sample: PoseSample) -> None:
         """Give the guard a vehicle's position, from the fastest available source."""
 
-    def anchor(self, name: str, anchor: Anchor) -> None:
-        """Give the guard the place of a vehicle's local frame in the world."""
+    @abstractmethod
+    def send(self, command: Command) -> None:
+        """Have the guard execute a command."""
 
-    def start_outage(self, name: str, duration_s: float) -> None:
-        """Start a link outage between the guard and a vehicle for a while."""
-
-    def alive(self) -> None:
-        """Give the guard the orchestrator's sign of life; the first one starts its timeout."""
-
-    def command(self, command: OperatorCommand) -> None:
-        """Have the guard execute an operator's abort, hold or resume; an event reports it."""
-
-    def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        """Have the guard report in an event whether new fences would be accepted."""
-
-    def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        """Have the guard change vehicles' fences, all or none; an event says which."""
-
-    def bring_down(self, reason: str) -> None:
-        """Have the guard bring all vehicles down for a reason of the orchestrator."""
+    def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
+        """Register a listener for every event of the guard, called from the event loop."""
+        self._listeners.append(listener)
 
     async def all_down(self, timeout_s: float) -> bool:
         """Wait until the guard brought all down; False when not within `timeout_s`."""
+        return await _is_set(self._down, timeout_s)
 
     async def at_rest(self, timeout_s: float) -> bool:
         """Wait until the guard sees nothing armed; False when not within `timeout_s`."""
+        return await _is_set(self._rest, timeout_s)
+
+    def _show(self, *, at_rest: bool, all_down: bool) -> None:
+        """Let those that wait for rest, or for all to be down, continue when it is so."""
+        for event, holds in ((self._rest, at_rest), (self._down, all_down)):
+            if holds:
+                event.set()
+            else:
+                event.clear()
+
+    def _report(self, event: GuardEvent) -> None:
+        self.events.append(event)
+        for listener in self._listeners:
+            with Contained(f"a listener to the guard ({event.kind})"):
+                listener(event)
+
+
+async def _is_set(event: asyncio.Event, within_s: float) -> bool:
+    try:
+        async with asyncio.timeout(within_s):
+            await event.wait()
+    except TimeoutError:
+        return False
+    return True

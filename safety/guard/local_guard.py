@@ -10,8 +10,8 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from typing import Self
 
-from wil_campaign.foundation.tasks import FAULTS, Contained, report
-from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.foundation.tasks import FAULTS, report
+from wil_campaign.safety.guard.core.commands import CoreMessage, StartOutage
 from wil_campaign.safety.guard.core.contingency import ContingencyPlan, Phase
 from wil_campaign.safety.guard.core.events import (
     GuardedVehicle,
@@ -23,12 +23,10 @@ from wil_campaign.safety.guard.core.events import (
     unrecorded,
 )
 from wil_campaign.safety.guard.core.guard_core import GuardCore
-from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-from wil_campaign.safety.guard.waits import happens
+from wil_campaign.safety.guard.guard import Guard
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.links.impaired import ImpairedLink
 from wil_campaign.vehicles.links.link import Link, Receiver
-from wil_campaign.vehicles.poses.anchor import Anchor
 from wil_campaign.worlds.frames import Vec3
 
 TICK_HZ = 20.0
@@ -48,7 +46,7 @@ class GuardLinks:
     impaired: ImpairedLink | None = None
 
 
-class LocalGuard:
+class LocalGuard(Guard):
     """The guard inside this process: holds the vehicle links; an async context manager.
 
     The frames of a decision are sent before anything is recorded or reported. `record` gets every
@@ -70,13 +68,12 @@ class LocalGuard:
     ) -> None:
         if vehicles.keys() != links.keys():
             raise ValueError(f"vehicles {sorted(vehicles)} and links {sorted(links)} differ")
+        super().__init__()
         self.core = GuardCore(vehicles=vehicles, settings=settings, plan=plan)
-        self.events: list[GuardEvent] = []
         self._links = dict(links)
         self._with_gcs = frozenset(name for name, vehicle in vehicles.items() if vehicle.gcs)
         self._record = record
         self._unrecorded: set[str] = set()
-        self._listeners: list[Callable[[GuardEvent], None]] = []
         self._stack = AsyncExitStack()
         self._early_s = early_s
         self._ticked = ticked
@@ -84,8 +81,6 @@ class LocalGuard:
         self._next_count = 0
         self._earliest_s = math.inf
         """From when on a frame triggers the next tick."""
-        self._down = asyncio.Event()
-        self._rest = asyncio.Event()
         self._start_s = 0.0
 
     @property
@@ -121,10 +116,6 @@ class LocalGuard:
             self._timer.cancel()
         await self._stack.aclose()
 
-    def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
-        """Register a listener for every event of the local guard."""
-        self._listeners.append(listener)
-
     def position(self, sample: PoseSample) -> None:
         """Give the local guard a vehicle's position, from the fastest available source."""
         self._apply(self.core.position(sample), sample.t_s)
@@ -133,64 +124,19 @@ class LocalGuard:
         """Give the local guard a vehicle's position in the world, as `position` does."""
         self._apply(self.core.place(name, position_ned_m, velocity_ned_m_s, t_s), t_s)
 
-    def anchor(self, name: str, anchor: Anchor) -> None:
-        """Give the local guard the place of a vehicle's local frame in the world."""
-        self.core.anchor(name, anchor)
+    def send(self, command: CoreMessage | StartOutage) -> None:
+        """Execute a command, or act on what the guard's process found."""
+        if isinstance(command, StartOutage):
+            self._start_outage(command)
+        else:
+            now_s = self._now_s()
+            self._apply(self.core.apply(command, now_s), now_s)
 
-    def start_outage(self, name: str, duration_s: float) -> None:
-        """Start a link outage between the local guard and a vehicle for a while."""
-        impaired = self._links[name].impaired
+    def _start_outage(self, outage: StartOutage) -> None:
+        impaired = self._links[outage.vehicle].impaired
         if impaired is None:
-            raise ValueError(f"the link of {name} does not support outages")
-        impaired.start_outage(duration_s)
-
-    def alive(self) -> None:
-        """Give the local guard the orchestrator's sign of life; the first starts its timeout."""
-        now_s = self._now_s()
-        self._apply(self.core.orchestrator_alive(now_s), now_s)
-
-    def command(self, command: OperatorCommand) -> None:
-        """Have the local guard execute an operator's abort, hold or resume."""
-        now_s = self._now_s()
-        self._apply(self.core.command(command, now_s), now_s)
-
-    def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        """Have the local guard report in an event whether new fences would be accepted."""
-        now_s = self._now_s()
-        self._apply(self.core.propose_fences(fences, who, now_s), now_s)
-
-    def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        """Have the local guard change vehicles' fences, all or none."""
-        now_s = self._now_s()
-        self._apply(self.core.change_fences(fences, who, now_s), now_s)
-
-    def bring_down(self, reason: str) -> None:
-        """Have the local guard bring all down for a reason of the orchestrator."""
-        now_s = self._now_s()
-        self._apply(self.core.bring_down(reason, now_s), now_s)
-
-    def orchestrator_ended(self) -> None:
-        """Tell the local guard that the orchestrator is gone for good."""
-        now_s = self._now_s()
-        self._apply(self.core.orchestrator_ended(now_s), now_s)
-
-    def vehicle_gone(self, name: str, text: str) -> None:
-        """Tell the local guard that a vehicle's process ended or hangs. text: the reason."""
-        now_s = self._now_s()
-        self._apply(self.core.vehicle_gone(name, text, now_s), now_s)
-
-    def clocks_apart(self, name: str, text: str) -> None:
-        """Tell the local guard that a vehicle's time diverged from the run clock. text: how."""
-        now_s = self._now_s()
-        self._apply(self.core.clocks_apart(name, text, now_s), now_s)
-
-    async def all_down(self, timeout_s: float) -> bool:
-        """Wait until the local guard brought all down; False when not within `timeout_s`."""
-        return await happens(self._down, timeout_s)
-
-    async def at_rest(self, timeout_s: float) -> bool:
-        """Wait until the local guard sees nothing armed; False after `timeout_s`."""
-        return await happens(self._rest, timeout_s)
+            raise ValueError(f"the link of {outage.vehicle} does not support outages")
+        impaired.start_outage(outage.duration_s)
 
     def _receiver(self, take: Callable[[str, bytes, float], Outputs], name: str) -> Receiver:
         def receive(data: bytes, t_s: float) -> None:
@@ -244,9 +190,7 @@ class LocalGuard:
         self._schedule(count + 1)
         now_s = self._now_s()
         self._apply(self.core.tick(now_s), now_s)
-        (self._rest.clear if self.core.may_be_armed(now_s) else self._rest.set)()
-        if self.core.latched is not None:
-            (self._down.set if self.core.all_down else self._down.clear)()
+        self._show(at_rest=not self.core.may_be_armed(now_s), all_down=self.core.all_down)
         if self._ticked is not None:
             self._ticked()
 
@@ -276,10 +220,7 @@ class LocalGuard:
             elif isinstance(output, _LOGGED):
                 trouble = [*trouble, *self._record_frames(output.name, t_s, output.frames)]
         for event in (*events, *trouble):
-            self.events.append(event)
-            for listener in self._listeners:
-                with Contained(f"a listener to the guard ({event.kind})"):
-                    listener(event)
+            self._report(event)
 
     def _record_frames(self, name: str, t_s: float, frames: Sequence[bytes]) -> list[GuardEvent]:
         """Record frames; return an event with the reason if the vehicle's recording ends now.

@@ -27,10 +27,7 @@ from wil_campaign.vehicles.mavlink.signing_key import key_from_environment
 KEY = "WIL_FAULTS_KEY"
 _REMEMBERED = 4000
 _JUMP_S = 86400.0
-_ORDERS = (
-    *("position", "anchor", "black_out", "alive", "abort", "hold", "resume", "change_fences"),
-    *("bring_down", "orchestrator_ended", "vehicle_ended"),
-)
+_ORDERS = ("position", "send")
 
 
 class Strike:
@@ -180,8 +177,8 @@ class Strike:
 
     def _may_break(self) -> None:
         """Have the guard take the vehicles for attached ones: motors of others may be cut."""
-        for ward in self._pair.guard.core._wards.values():
-            ward.vehicle = replace(ward.vehicle, attached=True)
+        for supervised in self._pair.guard.core._supervised_vehicles.values():
+            supervised.vehicle = replace(supervised.vehicle, attached=True)
 
     def _to_guard_as_vehicle(self, data: bytes) -> None:
         for name in self._pair.vehicles:

@@ -28,6 +28,7 @@ from wil_campaign.orchestrator.run.perception.warm_up import warm_up
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.safety.guard.core.commands import Alive
 from wil_campaign.safety.guard.core.contingency import Phase
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.vehicles.links.link_conditions import KeySource
@@ -120,7 +121,7 @@ class _Flight:
         now_s = asyncio.get_running_loop().time()
         silent = self.hit == "orchestrator" and now_s < self.fault.at_s + self.fault.for_s
         if self.pair is not None and not silent:
-            self.pair.guard.alive()
+            self.pair.guard.send(Alive())
         asyncio.get_running_loop().call_later(_BEAT_S, self._beat)
 
     def _strike(self) -> None:

@@ -41,9 +41,11 @@ HOOKS = {
     "problem_formats",
     "recipe_formats",
     "recipe_steps",
+    "recording_formats",
     "report_sections",
     "run_observers",
     "run_options",
+    "run_sections",
     "sensor_types",
     "sources",
     "starter_options",
@@ -284,6 +286,39 @@ def test_a_plugin_adds_a_section_to_the_report(install: Install, tmp_path: Path)
     page = (folder / "report.html").read_text("utf-8")
     assert re.sub("Page written [^.]*", "", page.replace("<p>depths of gate</p>", "")) == re.sub(
         "Page written [^.]*", "", plain
+    )
+
+
+RUN_SECTIONS = """
+from wil_campaign.hooks import RunSection, Section, implements
+
+
+@implements
+def run_sections():
+    return [RunSection("depth", "wil_sonar:depth"), RunSection("deaf", "wil_sonar:deaf")]
+
+
+def depth(folder, run):
+    return Section(f"<p>depth of {run.name} in {folder.name}</p>", ("no echo",))
+
+
+def deaf(folder, run):
+    raise OSError("no sound")
+"""
+
+
+def test_a_plugin_adds_a_section_to_the_page_of_each_run(install: Install, tmp_path: Path) -> None:
+    """One that fails is left out and named, with its run."""
+    folder = write_flown(tmp_path / "a", flights("a", "sim", "PP"))
+    install(RUN_SECTIONS)
+    found = write_report(folder, workers=1)
+    page = found.path.read_text("utf-8")
+    assert re.findall("<p>depth of .*?</p>", page) == [
+        f"<p>depth of a/sim/{number} in a</p>" for number in (1, 2)
+    ]
+    assert found.problems[-2:] == (
+        "a/sim/2: no echo",
+        "a/sim/2: the section deaf is left out: OSError: no sound",
     )
 
 
@@ -689,7 +724,7 @@ def test_the_plugin_of_the_page_flies(
         "max_m_s: 3": ("max_km_h: 3", "unknown key 'max_km_h'"),
         "calm: ": ("clam: ", "unknown oracle 'clam'; did you mean 'calm'?"),
         "rangefinder": ("gps", "an echo is no gps"),
-        "echo:": ("eco:", "publisher), or an MCAP file (.mcap), or echo://METRES"),
+        "echo:": ("eco:", "), or echo://METRES"),
     }
     try:
         for good, (bad, said) in wrong.items():
@@ -799,9 +834,9 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     words = [["validate", gate], ["run", gate, *one], ["list", "plugins"]]
     words += map(str.split, commands)
     words += [["run", gate, *one, f"--{view}", ":0"] for view in views]
-    keys = {"search": "campaigns/search-gate.yaml"}
-    assert set(keys) == set(shipped("campaign_keys"))
-    words += [["validate", str(ROOT / file)] for file in keys.values()]
+    keys = shipped("campaign_keys")
+    words.append(["validate", str(ROOT / "campaigns" / "search-gate.yaml")])
+    words += [["run", gate, *one, "--set", f"{name}={{}}"] for name in keys if name != "search"]
     formats = shipped("recipe_formats")
     words += [["validate", f"recipe{end}"] for end in formats]
     engines = shipped("engines")
@@ -829,12 +864,19 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     mocap = ("udp://127.0.0.1:5570", "tcp://h:5570")
     words += [["run", gate, *one, "--set", f"vehicles.real.mocap={name}"] for name in mocap]
     gps = "vehicles.real.sensors.gps={type: gps, source: '%s'}"
-    words += [["run", gate, *one, "--set", gps % name] for name in ("tcp://h:5555", "a.mcap")]
+    words += [
+        ["run", gate, *one, "--set", gps % name]
+        for name in ("tcp://h:5555", "a.mcap", "rtp://h:1", "realsense://1")
+    ]
     words += [["validate", str(write_with_mesh(tmp_path, end))] for end in shipped("mesh_formats")]
     words += [
         *(
             ["validate", gate, f"--{name}", str(tmp_path / name)]
             for name in shipped("problem_formats")
+        ),
+        *(
+            ["run", gate, *one, "--set", f"record.also=[{name}]"]
+            for name in shipped("recording_formats")
         ),
     ]
     words.append(["validate", str(write_recipe_of_steps(tmp_path))])
@@ -851,14 +893,9 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     named = [*(name.split()[0] for name in commands), *views, *keys, *formats, *engines, *drivers]
     hooks_of_rest = (
         *("operator_channels", "run_options", "autonomy_kinds", "run_observers", "oracles"),
-        *(
-            "image_sources",
-            "sources",
-            "mesh_formats",
-            "motion_captures",
-            "recipe_steps",
-            "problem_formats",
-        ),
+        *("image_sources", "sources", "mesh_formats", "recipe_steps", "problem_formats"),
+        "recording_formats",
+        "motion_captures",
     )
     named += [name for hook in hooks_of_rest for name in shipped(hook)]
     assert codes[3:] == [2] * (len(words) - 3)

@@ -1,6 +1,7 @@
 """Profiles: noise, wind, battery and delays of a vehicle and its place, each number with a source.
 
-A profile describes a vehicle and a place; it is never tuned per campaign.
+A profile describes a vehicle and a place; it is never tuned per campaign. A file may name a `base`,
+and say only what differs.
 """
 
 import math
@@ -9,7 +10,17 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from wil_campaign.foundation.files.documents import KeyFaultError, Part, check, closest, load
+from wil_campaign.foundation.files.documents import (
+    BadInput,
+    Document,
+    Entry,
+    KeyFaultError,
+    Part,
+    check,
+    closest,
+    load,
+)
+from wil_campaign.foundation.files.yaml_nodes import Node, mapping_node
 
 _FOLDER = Path(__file__).parent / "profiles"
 
@@ -110,18 +121,18 @@ class VehicleClock(Part):
 
 
 class AirframeNumbers(Part):
-    """A profile's airframe, when it is not the paper's drone; fields as in `Airframe`."""
+    """A profile's airframe; fields and defaults, the paper's drone, as in `Airframe`."""
 
-    mass_kg: Positive
-    inertia_xx_kg_m2: Positive
-    inertia_yy_kg_m2: Positive
-    inertia_zz_kg_m2: Positive
-    arm_m: Positive
-    torque_per_thrust_m: Positive
-    max_thrust_n: Positive
-    drag_area_m2: tuple[Nonnegative, Nonnegative, Nonnegative]
-    linear_drag_n_s_m: Nonnegative
-    angular_damping_n_m_s: Nonnegative
+    mass_kg: Positive = 0.5
+    inertia_xx_kg_m2: Positive = 2.32e-3
+    inertia_yy_kg_m2: Positive = 2.32e-3
+    inertia_zz_kg_m2: Positive = 4.0e-3
+    arm_m: Positive = 0.175
+    torque_per_thrust_m: Positive = 0.0245
+    max_thrust_n: Positive = 2.7
+    drag_area_m2: tuple[Nonnegative, Nonnegative, Nonnegative] = (0.010, 0.010, 0.020)
+    linear_drag_n_s_m: Nonnegative = 0.0
+    angular_damping_n_m_s: Nonnegative = 0.0006
 
     @model_validator(mode="after")
     def _can_fly(self) -> Self:
@@ -195,4 +206,34 @@ def load_profile(name_or_path: str | Path, *, shown_as: str | None = None) -> Pr
             f"no profile {text!r}; there are {', '.join(known)}, or give a file",
             closest(text, known),
         )
-    return check(load(path, name=shown_as), Profile)
+    return check(_with_base(load(path, name=shown_as)), Profile)
+
+
+def _with_base(document: Document) -> Document:
+    """Return a profile's document; what it lacks comes from the profile that `base` names.
+
+    Raises BadInput for an unknown base.
+    """
+    own = document.root.value
+    if not isinstance(own, dict) or "base" not in own:
+        return document
+    name, known = document.get(("base",)), list_profiles()
+    if name not in known:
+        message = f"{name!r} is no profile of the program; there are {', '.join(known)}"
+        raise BadInput([document.problem(("base",), message, closest(str(name), known))])
+    base = load(_FOLDER / f"{name}.yaml").root
+    own = {key: entry for key, entry in own.items() if key != "base"}
+    return Document(document.path, _merged(base, mapping_node(own, document.root.place)))
+
+
+def _merged(base: Node, own: Node) -> Node:
+    """Return a node with the values of another one that it lacks, at every depth."""
+    if not isinstance(base.value, dict) or not isinstance(own.value, dict):
+        return own
+    inside = {
+        key: Entry(entry.key, _merged(base.value[key].node, entry.node))
+        if key in base.value
+        else entry
+        for key, entry in own.value.items()
+    }
+    return mapping_node({**base.value, **inside}, own.place)

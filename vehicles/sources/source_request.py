@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from wil_campaign.vehicles.readings import Source
+from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 
 
@@ -12,9 +13,9 @@ class SourceRequest:
 
     address: as the campaign has it, with the scheme. sensor: its name in the source. kind: its type
     ("gps"). side: the vehicle whose it is. mount: the sensor's pose in the body's FRD frame.
-    rate_hz: its rate; None for any. topic: of the address; "" for none. latency_s: sampling to
-    arrival of the quickest. open_s, stall_s: how long to wait for the first and each further
-    reading.
+    camera: the model of a depth camera; None of others. rate_hz: its rate; None for any. topic: of
+    the address; "" for none. latency_s: sampling to arrival of the quickest. open_s, stall_s: how
+    long to wait for the first and each further reading.
     """
 
     address: str
@@ -22,6 +23,7 @@ class SourceRequest:
     kind: str
     side: Source
     mount: Pose
+    camera: Intrinsics | None = None
     rate_hz: float | None
     topic: str
     latency_s: float

@@ -18,6 +18,8 @@ from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.foundation.files.documents import Document
 from wil_campaign.foundation.files.user_modules import all_user_files, forget_user_modules
 from wil_campaign.foundation.processes.linux import processor_wait_s
+from wil_campaign.hooks import recording_formats
+from wil_campaign.installed_plugins import added, load
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
     OutputError,
     held_run,
@@ -134,6 +136,7 @@ def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
     # Only the run server imports these; a process that only sends orders does not need them.
     import cv2  # noqa: PLC0415
 
+    from wil_campaign.orchestrator.recording import run_video  # noqa: PLC0415
     from wil_campaign.orchestrator.run.flight.run import fly  # noqa: PLC0415
     from wil_campaign.orchestrator.run.stages.return_flight import return_setup  # noqa: PLC0415
 
@@ -155,7 +158,10 @@ def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
             _require_unflown(order.folder)  # a file system may have no locks
             write_whole(order.folder / _RESULT, to_json(result))
             if _is_filmed(setup, result):
-                result = _filmed(order, result, report)
+                result = _with_file(order, result, report, run_video.FILE_NAME, _film)
+            for name in setup.campaign.record.also:
+                made = load(added(recording_formats)[name].write)
+                result = _with_file(order, result, report, f"the recording as {name}", made)
     return result
 
 
@@ -167,26 +173,45 @@ def _is_filmed(setup: RunSetup, result: RunResult) -> bool:
     return wanted == "always"
 
 
-def _filmed(order: RunOrder, result: RunResult, report: Report) -> RunResult:
-    """Make a run's video; return the result with it. Without one the run's output says why."""
+def _film(folder: Path, passed: Callable[[], None]) -> str:
+    """Make a run's video; return its name, "" without images to show."""
     from wil_campaign.orchestrator.recording import run_video  # noqa: PLC0415 - as above
 
-    def passed(t_s: float) -> None:
+    return run_video.FILE_NAME if run_video.make_video(folder, passed=lambda _: passed()) else ""
+
+
+def _with_file(
+    order: RunOrder,
+    result: RunResult,
+    report: Report,
+    text: str,
+    make: Callable[[Path, Callable[[], None]], str],
+) -> RunResult:
+    """Make a file of a run; return the result with it. Without one the run's output says why.
+
+    text: the file, in words.
+    """
+
+    def passed() -> None:
         # A process that sends nothing for long is taken for one that hangs.
-        text = f"{run_video.FILE_NAME} is made"
         run = (result.case, result.mode, result.rep)
-        report(Progress(*run, "end", t_s, verdict_so_far=result.verdict, text=text))
+        verdict = result.verdict
+        progress = Progress(
+            *run, "end", result.duration_s or 0.0, verdict_so_far=verdict, text=f"{text} is made"
+        )
+        report(progress)
 
     try:
-        if not run_video.make_video(order.folder, passed=passed):
+        name = make(order.folder, passed)
+        if not name:
             return result
-        files = tuple(sorted({*result.artifacts, run_video.FILE_NAME}))
-        filmed = replace(result, artifacts=files)
-        write_whole(order.folder / _RESULT, to_json(filmed))
-    except Exception as error:  # noqa: BLE001 - the result is worth more than its video
-        sys.stderr.write(f"{run_video.FILE_NAME} was not made: {type(error).__name__}: {error}\n")
+        files = tuple(sorted({*result.artifacts, name}))
+        extended = replace(result, artifacts=files)
+        write_whole(order.folder / _RESULT, to_json(extended))
+    except Exception as error:  # noqa: BLE001 - the result is worth more than what is made of it
+        sys.stderr.write(f"{text} was not made: {type(error).__name__}: {error}\n")
         return result
-    return filmed
+    return extended
 
 
 def _imported_code(order: RunOrder) -> dict[str, str]:

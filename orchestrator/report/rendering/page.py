@@ -141,11 +141,17 @@ class RunPage:
 
 
 def render_run(
-    run: RunReport, *, anchor: str, video: str | None = None, stand_in: str = ""
+    run: RunReport,
+    *,
+    anchor: str,
+    video: str | None = None,
+    stand_in: str = "",
+    sections: Iterable[str] = (),
 ) -> RunPage:
     """Return a run's section of the page. video: a data URI; None links to the file.
 
-    stand_in: a text that no hardware flew as `real`; shown where `real` flew.
+    stand_in: a text that no hardware flew as `real`; shown where `real` flew. sections: of plugins,
+    as HTML.
     """
     result = run.result
     verdict = "NO RESULT" if result is None else result.verdict
@@ -179,6 +185,7 @@ def render_run(
             video=video or _link(run.name, run.video),
             video_command=shlex.join(("wil-campaign", "report", ".", "--video", run.name)),
             files=[(name, _link(run.name, name)) for name in run.files],
+            sections=[Markup(html) for html in sections if html],  # noqa: S704 - as of the page's
             when=lambda t_s: short_time(t_s, run.goal_s),
         )
     )

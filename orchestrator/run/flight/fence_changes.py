@@ -11,6 +11,7 @@ from wil_campaign.foundation.tasks import start, stop
 from wil_campaign.orchestrator.run.vehicles.onboard_fences import OnboardFences
 from wil_campaign.safety.fence.fence_files import parse_fence_file
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.commands import NewFences
 from wil_campaign.safety.guard.core.events import Cause, GuardEvent, is_about_fences
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.guard import Guard
@@ -159,7 +160,7 @@ class FenceChanges:
     ) -> tuple[GuardEvent, str]:
         """Have the guard apply fences; return its reply, and "late: " where it came late."""
         self._may_take_fence = True
-        reply = self._request_guard(self._guard.change_fences, fences, command.who)
+        reply = self._request_guard(NewFences(command.who, dict(fences)))
         late = ""
         done, _ = await asyncio.wait({reply}, timeout=_REPLY_TIMEOUT_S)
         if not done:
@@ -191,20 +192,15 @@ class FenceChanges:
         """Return the guard's reply to proposed fences. Raises VehicleError without a reply."""
         try:
             async with asyncio.timeout(_REPLY_TIMEOUT_S):
-                return await self._request_guard(self._guard.propose_fences, fences, who)
+                return await self._request_guard(NewFences(who, dict(fences), proposed=True))
         except TimeoutError:
             raise VehicleError("the guard did not answer") from None
 
-    def _request_guard(
-        self,
-        send: Callable[[Mapping[str, Fence], str], None],
-        fences: Mapping[str, Fence],
-        who: str,
-    ) -> asyncio.Future[GuardEvent]:
+    def _request_guard(self, request: NewFences) -> asyncio.Future[GuardEvent]:
         """Send the guard a request about fences; return the future of its reply."""
         reply: asyncio.Future[GuardEvent] = asyncio.get_running_loop().create_future()
         self._awaited_replies.append(reply)
-        send(fences, who)
+        self._guard.send(request)
         return reply
 
     async def _restore_old(self) -> str:

@@ -12,6 +12,7 @@ from wil_campaign.orchestrator.run.judging.oracle_runner import OracleRunner
 from wil_campaign.orchestrator.run.vehicles.onboard_fences import OnboardFences
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
 from wil_campaign.orchestrator.state.run_setup import RunSetup
+from wil_campaign.safety.guard.core.commands import Operate
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.guard import Guard
 
@@ -42,7 +43,7 @@ class OperatorHandler:
         if command.kind == "geofence":
             self.fence_changes.ask(command)
         else:
-            self.guard.command(command)
+            self.guard.send(Operate(command))
 
 
 def operator_handler_of(

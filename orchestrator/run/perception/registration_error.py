@@ -130,7 +130,7 @@ def _camera_setup(vehicle: VehicleSetup, name: str) -> Pictured | None:
 
 
 def _image_source_name(camera: Pictured) -> ShownAs:
-    source = camera.source if isinstance(camera, CameraSetup) else None
+    source = camera.source
     return "rendered" if source is None else source.shown_as
 
 

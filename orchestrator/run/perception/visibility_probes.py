@@ -123,7 +123,7 @@ class VisibilityProbes:
                 "the recipe mixes in no object" if combination.shows is None else "shows names none"
             )
             return f"{obstacle} that exists in the virtual world only"
-        if isinstance(real, CameraSetup) and _is_file(real):
+        if isinstance(real, CameraSetup | DepthSetup) and _is_file(real):
             return "images from a file have no camera pose"
         if combination.sensor.kind == "lidar_points" and twin.kind != "lidar_points":
             return f"the points are made of a {twin.kind} reading"
@@ -136,7 +136,9 @@ class VisibilityProbes:
         """
         context = self._contexts["real"]
         is_live = (
-            isinstance(sensor, CameraSetup) and ("real", sensor.name) in self._external_io.cameras
+            isinstance(sensor, CameraSetup | DepthSetup)
+            and sensor.source is not None
+            and sensor.source.shown_as == "live"
         )
         histories = [*(() if is_live else (context.truth,)), self._captured, context.poses]
 
@@ -191,5 +193,5 @@ def sought_objects(
     return Virtual(wanted, {i: name for i, name in things.items() if i not in wanted})
 
 
-def _is_file(camera: CameraSetup) -> bool:
+def _is_file(camera: CameraSetup | DepthSetup) -> bool:
     return camera.source is not None and camera.source.shown_as == "file"

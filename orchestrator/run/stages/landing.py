@@ -2,6 +2,7 @@
 
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
 from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.safety.guard.core.commands import BringDown
 from wil_campaign.safety.guard.core.contingency import Phase
 
 _ALL_DOWN_S = 60.0
@@ -16,7 +17,7 @@ async def bring_down(pair: Pair, run_state: RunState) -> None:
     first = run_state.decisive[0].text if run_state.decisive else "the flight was not completed"
     if run_state.reached("arm"):
         run_state.enter("land")
-    guard.bring_down(first)
+    guard.send(BringDown(first))
     if not await guard.all_down(_ALL_DOWN_S):
         still = ", ".join(f"{name} ({phase.value})" for name, phase in guard.phases.items())
         run_state.decide("ERROR", f"not down {_ALL_DOWN_S:g} s after the guard took over: {still}")

@@ -14,6 +14,7 @@ from wil_campaign.orchestrator.run.vehicles.vehicle_backends import TRUTH_HZ, Fe
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.guard.core.commands import AnchorAt, StartOutage
 from wil_campaign.safety.guard.guard import Guard
 from wil_campaign.safety.guard.local_guard import Record
 from wil_campaign.vehicles.command_backends import command_backend_of
@@ -56,9 +57,8 @@ class Pair:
                 link = links.get(context.name)
                 for outage in () if link is None else link.outages:
                     if outage.stage == stage:
-                        loop.call_later(
-                            outage.after_s, self.guard.start_outage, context.name, outage.for_s
-                        )
+                        begun = StartOutage(context.name, outage.for_s)
+                        loop.call_later(outage.after_s, self.guard.send, begun)
 
         run_state.on_stage(entered)
 
@@ -69,8 +69,9 @@ class Pair:
         and limits setpoints, which are in these frames.
         """
         for context in (*self.contexts, *self.actors):
-            if context.driver.anchor is not None:
-                self.guard.anchor(context.name, context.driver.anchor)
+            anchor = context.driver.anchor
+            if anchor is not None:
+                self.guard.send(AnchorAt(context.name, anchor.origin_ned_m, anchor.turn_rad))
 
     def notify(self, event: str, t_s: float) -> None:
         """Notify the pair's simulations of an event of the world."""

@@ -209,6 +209,16 @@ export function countsText(campaign) {
   return `${verdicts.length} of ${campaign.total ?? "?"} runs judged${kinds.length ? `: ${kinds.join(", ")}` : ""}`;
 }
 
+/** The next run of a campaign in flight, in the order of its plan; empty after the last. @param {any} campaign */
+export function nextText(campaign) {
+  if (!campaign || campaign.is_over || campaign.stopped) return "";
+  const planned = campaign.planned ?? [];
+  const begun = (/** @type {string} */ name) => name in (campaign.finished ?? {}) || name in (campaign.flying ?? {});
+  const last = planned.findLastIndex(begun);
+  const next = planned.slice(last + 1).find((/** @type {string} */ name) => !begun(name)) ?? planned.find((/** @type {string} */ name) => !begun(name));
+  return next ? `next: ${next}` : planned.length ? "the last run" : "";
+}
+
 /** The present state of the campaign, as text. @param {Model} model @param {any} campaign @returns {string} */
 export function stateText(model, campaign) {
   if (!model.you) return "not joined: this page has no data yet";

@@ -3,6 +3,8 @@
 // image.
 
 import { hasEnded } from "./flight_state.js";
+import { number } from "./panels/dom.js";
+import { sinceStart } from "./panels/margins.js";
 import { colours } from "./world.js";
 
 /** @typedef {import("./model.js").Model} Model */
@@ -37,6 +39,7 @@ export class Images {
     this.overlaidAt = 0;
     this.blend = /** @type {HTMLInputElement} */ (document.getElementById("blend"));
     this.blend.addEventListener("input", () => this.drawOverlay());
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => (this.hasBegun = false));
   }
 
   /** Draw an image, unless a newer one of its camera arrives before it is decoded.
@@ -141,6 +144,12 @@ export class Images {
       const hz = one.times.length > 1 ? ((one.times.length - 1) * 1000) / (now - one.times[0]) : 0;
       const old = one.head.age_s + (now - one.at) / 1000;
       rate.textContent = `${hz.toFixed(0)} Hz${one.head.rendered ? ", rendered" : ""}`;
+      if (run?.view?.clock === "recorded") {
+        rate.textContent = one.head.rendered ? "rendered" : "";
+        age.textContent = `at ${number(sinceStart(one.head.t_s, run.view), 1)} s`;
+        figure.classList.remove("stale");
+        continue;
+      }
       const isLast = isEnded || (isLanding && old > STALE_S && (one.head.rendered || name !== "real"));
       age.textContent = isLast ? "last image of the run" : `${old < 10 ? old.toFixed(2) : old.toFixed(0)} s old`;
       if (isLast) rate.textContent = one.head.rendered ? "rendered" : "";

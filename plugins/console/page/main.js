@@ -7,6 +7,7 @@ import { FenceEditor } from "./fence.js";
 import { Images } from "./images.js";
 import { Model } from "./model.js";
 import { Panels } from "./panels.js";
+import { PlaybackBar } from "./playback.js";
 import { Views } from "./views.js";
 
 const NAME = "wil-console-name";
@@ -15,6 +16,7 @@ const images = new Images(model);
 const views = new Views(model);
 const panels = new Panels(model, () => views.draw());
 const editor = new FenceEditor(model, views);
+const playback = new PlaybackBar(model);
 const connection = new Connection({
   document: (message) => {
     model.take(message);
@@ -32,6 +34,7 @@ function refresh() {
   connection.check();
   panels.refresh();
   editor.refresh();
+  playback.refresh();
   if (model.answer) model.say(model.answer.ok, model.answer.text);
   model.answer = null;
   images.refresh();

@@ -30,6 +30,7 @@ export class Model {
     /** @type {any} */ this.status = null;
     this.statusAt = 0;
     /** @type {any} */ this.people = { people: [], in_control: null, holder: "" };
+    /** Pause, speed and time of a finished run; null for runs in flight. @type {any} */ this.playback = null;
     /** @type {any[]} */ this.events = [];
     /** @type {Set<string>} */ this.answered = new Set();
     /** The newest answer of a run, until it is shown. @type {{ok: boolean, text: string} | null} */
@@ -91,6 +92,14 @@ export class Model {
         break;
       case "scene":
         this.record(message.run).scene = message;
+        // A finished run begins again, or at another time.
+        if (this.mode === "recorded") this.forget(this.record(message.run));
+        break;
+      case "playback":
+        this.playback = message;
+        break;
+      case "past":
+        this.record(message.run).trails = new Map(Object.entries(message.trails));
         break;
       case "run":
         this.takeView(message);
@@ -170,17 +179,20 @@ export class Model {
     return run;
   }
 
+  /** Forget what a finished run has shown so far. @param {Run} run */
+  forget(run) {
+    run.trails.clear();
+    run.margins.clear();
+    run.largest.clear();
+    run.contacts = [];
+    this.events = this.events.filter((one) => one.run !== run.key);
+  }
+
   /** @param {any} view */
   takeView(view) {
     const run = this.record(view.run);
     // Until a new run has a state, the last one is shown with its verdict.
     if (!run.view && (!this.isChosenByHand || !this.run)) this.chosen = view.run;
-    if (run.view && view.t_s < run.view.t_s - 1) {
-      run.trails.clear();
-      run.margins.clear();
-      run.largest.clear();
-      run.contacts = [];
-    }
     run.view = view;
     run.at = performance.now() - ageMs(view);
     run.seenAt = view.at_s * 1000;

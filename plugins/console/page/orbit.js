@@ -14,6 +14,8 @@ export class Orbit {
     this.azimuth = AZIMUTH;
     this.elevation = ELEVATION;
     this.zoom = 1;
+    /** Whether the view is that of the campaign's observer, until it is turned. */
+    this.isObserver = false;
     /** Pointers that are down. @type {Map<number, [number, number]>} */
     this.down = new Map();
     canvas.addEventListener("pointerdown", (event) => {
@@ -31,13 +33,19 @@ export class Orbit {
       this.nearer(Math.exp(-event.deltaY * 0.001));
     }, { passive: false });
     canvas.addEventListener("dblclick", () => this.reset());
-    for (const [name, act] of Object.entries({ nearer: () => this.nearer(NEARER), farther: () => this.nearer(1 / NEARER), reset: () => this.reset() })) {
+    for (const [name, act] of Object.entries({ nearer: () => this.nearer(NEARER), farther: () => this.nearer(1 / NEARER), reset: () => this.reset(), observer: () => this.observe() })) {
       document.getElementById(`${canvas.id}-${name}`)?.addEventListener("click", act);
     }
     canvas.addEventListener("keydown", (event) => this.press(event));
   }
 
+  observe() {
+    this.isObserver = true;
+    this.onChange();
+  }
+
   reset() {
+    this.isObserver = false;
     this.azimuth = AZIMUTH;
     this.elevation = ELEVATION;
     this.zoom = 1;
@@ -46,6 +54,7 @@ export class Orbit {
 
   /** @param {number} azimuth @param {number} elevation */
   turn(azimuth, elevation) {
+    this.isObserver = false;
     this.azimuth += azimuth;
     this.elevation = Math.min(1.55, Math.max(0.02, this.elevation + elevation));
     this.onChange();
@@ -53,6 +62,7 @@ export class Orbit {
 
   /** @param {number} factor */
   nearer(factor) {
+    this.isObserver = false;
     this.zoom = Math.min(20, Math.max(0.5, this.zoom * factor));
     this.onChange();
   }

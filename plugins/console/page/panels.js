@@ -51,14 +51,15 @@ export class Panels {
     const { model } = this;
     const { run } = model;
     const isEnded = run ? hasEnded(model, run) || model.isOver : false;
+    const isRecorded = model.mode === "recorded";
     const ages = { run: run?.view ? (now - run.at) / 1000 : null, status: model.status ? (now - model.statusAt) / 1000 : null };
     for (const [key, age] of Object.entries(ages)) {
       const isOver = key === "run" ? isEnded : model.isOver;
       for (const one of document.querySelectorAll(`.aged[data-age=${key}]`)) {
         one.classList.toggle("ended", isOver);
-        one.classList.toggle("stale", !isOver && age !== null && age > STALE_S);
+        one.classList.toggle("stale", !isOver && !isRecorded && age !== null && age > STALE_S);
         const text = one.querySelector(".age");
-        if (text) text.textContent = age === null ? "" : isOver ? "as at the end" : `${age.toFixed(1)} s old`;
+        if (text) text.textContent = age === null ? "" : isOver ? "as at the end" : isRecorded ? (model.playback?.paused ? "paused" : "") : `${age.toFixed(1)} s old`;
       }
     }
   }

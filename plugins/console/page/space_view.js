@@ -46,6 +46,7 @@ export class SpaceView {
     this.box = new THREE.Box3();
     this.isTurned = false;
     this.later = 0;
+    this.observe = document.getElementById(`${canvas.id}-observer`);
     /** @type {any} */ this.shownScene = null;
     this.shownRun = "";
     this.orbit = new Orbit(canvas, () => {
@@ -63,8 +64,11 @@ export class SpaceView {
     this.isTurned = false;
     const { run } = this.model;
     if (run) this.show(run);
+    const observer = run?.scene?.observer;
+    if (this.observe) this.observe.hidden = !observer;
     this.fit(width, height, (window.devicePixelRatio || 1) * this.pace.scale);
-    this.aim(width, height);
+    if (observer && this.orbit.isObserver) this.stand(observer, width, height);
+    else this.aim(width, height);
     this.renderer.render(this.scene, this.camera);
     this.awaitDrawn();
   }
@@ -175,10 +179,30 @@ export class SpaceView {
     }
     away /= this.orbit.zoom;
     this.camera.position.copy(middle).addScaledVector(near, away);
+    this.camera.up.set(0, 0, -1);
     this.camera.lookAt(middle);
-    this.camera.aspect = width / height;
+    this.camera.fov = (FIELD * 180) / Math.PI;
     this.camera.near = away / 200;
     this.camera.far = away * 20;
+    this.face(width, height, half);
+  }
+
+  /** Look as the campaign's observer does. @param {any} observer @param {number} width @param {number} height */
+  stand(observer, width, height) {
+    const place = new THREE.Vector3(...observer.position_ned_m);
+    const half = (Math.tan(observer.fov_rad / 2) * height) / width;
+    this.camera.position.copy(place);
+    this.camera.up.fromArray(observer.up_ned);
+    this.camera.lookAt(place.add(new THREE.Vector3(...observer.ahead_ned)));
+    this.camera.fov = (2 * Math.atan(half) * 180) / Math.PI;
+    this.camera.near = 0.05;
+    this.camera.far = 1000;
+    this.face(width, height, half);
+  }
+
+  /** Turn labels and marks to the camera. @param {number} width @param {number} height @param {number} half tangent of half the field of view */
+  face(width, height, half) {
+    this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
     const eye = { position: this.camera.position, metresPerPx: (2 * half) / height };
     this.scene.traverse((one) => {

@@ -61,6 +61,8 @@ class Drawing {
     this.colours = palette;
     /** Where names stand: left, top, right, bottom. @type {number[][]} */
     this.names = [];
+    /** Names of objects, which are drawn after the vehicles. @type {{place: number[], name: string, colour: string}[]} */
+    this.labels = [];
   }
 
   /** @param {Run} run */
@@ -73,8 +75,17 @@ class Drawing {
     for (const [name, trail] of run.trails) this.line(trail, this.colours[name] ?? this.colours.ink, 1.5);
     for (const place of run.contacts) this.ring(place, this.colours.bad, 9, 3);
     // The twin first, and wider: both stay visible at the same place.
-    const vehicles = run.view?.vehicles ?? [];
-    for (const vehicle of vehicles.toSorted((/** @type {any} */ one) => (one.name === "twin" ? -1 : 1))) this.vehicle(vehicle);
+    const vehicles = (run.view?.vehicles ?? []).filter((/** @type {any} */ one) => isPoint(one.position_ned_m));
+    const boxes = vehicles.toSorted((/** @type {any} */ one) => (one.name === "twin" ? -1 : 1)).map((/** @type {any} */ one) => this.vehicle(one));
+    this.names.push(...boxes.map((/** @type {any} */ one) => one.box));
+    // The left one has its name on its left: names stand clear of both vehicles.
+    boxes.toSorted((/** @type {any} */ one, /** @type {any} */ other) => one.box[0] - other.box[0]).forEach((/** @type {any} */ one, /** @type {number} */ index) => {
+      const { name, place, colour, box } = one;
+      const [x] = this.projection.flat(place);
+      const isLeft = index === 0 && boxes.length > 1;
+      this.text(place, name, colour, -8, isLeft ? box[0] - x - 3 - this.context.measureText(name).width : box[2] - x + 3);
+    });
+    for (const one of this.labels) this.text(one.place, one.name, one.colour);
   }
 
   /** @param {Run} run */
@@ -121,7 +132,8 @@ class Drawing {
     this.context.globalAlpha = 1;
     this.context.fillStyle = this.colours.ink;
     this.context.font = "12px system-ui, sans-serif";
-    this.context.fillText("ground, 0 m", x0 - 8, y + 14);
+    const text = "ground, 0 m";
+    this.context.fillText(text, this.within(x1 + 16, this.context.measureText(text).width), y + 4);
   }
 
   /** @param {Run} run */
@@ -137,7 +149,7 @@ class Drawing {
         continue;
       }
       for (const face of thing.faces) faces.push(this.face(face.map((/** @type {number} */ i) => vertices[i]), thing));
-      this.text(vertices[0], thing.name, edge);
+      this.labels.push({ place: vertices[0], name: thing.name, colour: edge });
     }
     faces.sort((one, other) => one.depth - other.depth);
     for (const face of faces) {
@@ -180,10 +192,10 @@ class Drawing {
     this.context.setLineDash([]);
   }
 
-  /** @param {any} vehicle */
+  /** Draw a vehicle; return its name, place, colour, and the box in which it is drawn.
+   * @param {any} vehicle */
   vehicle(vehicle) {
     const place = vehicle.position_ned_m;
-    if (!isPoint(place)) return;
     const colour = this.colours[vehicle.name] ?? this.colours.ink;
     if (this.kind === "space") this.line([place, [place[0], place[1], 0]], colour, 0.7);
     this.setpoint(vehicle, place, colour);
@@ -194,10 +206,9 @@ class Drawing {
     this.line([place, rotate(q, [ARM_M * 1.9, 0, 0], place)], colour, 2);
     const isTwin = vehicle.name === "twin";
     for (const arm of arms) this.ring(arm, colour, isTwin ? 6 : 3, 1.5);
-    const [x] = this.projection.flat(place);
-    const beside = Math.max(...arms.map((one) => this.projection.flat(one)[0] - x)) + (isTwin ? 10 : 7);
-    const width = this.context.measureText(vehicle.name).width;
-    this.text(place, vehicle.name, colour, isTwin ? -8 : 0, isTwin ? -beside - width : beside);
+    const flat = arms.map((one) => this.projection.flat(one));
+    const [low, high] = [Math.min, Math.max].map((end, side) => [0, 1].map((axis) => end(...flat.map((one) => one[axis])) + (isTwin ? 7 : 4) * (side ? 1 : -1)));
+    return { name: vehicle.name, place, colour, box: [...low, ...high] };
   }
 
   /** @param {any} vehicle @param {number[]} place @param {string} colour */
@@ -293,6 +304,10 @@ export class Views {
     this.isDue = false;
     this.drawnAt = 0;
     new ResizeObserver(() => this.draw()).observe(this.plan.canvas);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+      model.changes += 1;
+      this.draw();
+    });
   }
 
   /** Add the 3D view; the other views and the commands do not wait for its library. @param {Model} model */
@@ -308,7 +323,10 @@ export class Views {
       this.views.push(new View(model, "space", "space"));
     }
     canvas.addEventListener("webglcontextlost", () => (note.textContent = "STOPPED: the browser lost its graphics context"));
-    canvas.addEventListener("webglcontextrestored", () => (note.textContent = ""));
+    canvas.addEventListener("webglcontextrestored", () => {
+      note.textContent = "";
+      this.draw();
+    });
     this.draw();
   }
 

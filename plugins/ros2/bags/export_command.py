@@ -1,19 +1,16 @@
 """`wil-campaign export`: a recorded run as a bag of ROS 2."""
 
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from wil_campaign.foundation.files.paths import exists, is_file, is_folder
 from wil_campaign.orchestrator.cli.standard_streams import err, out
-from wil_campaign.orchestrator.model.document_writer import sync_folder
 from wil_campaign.orchestrator.recording.errors import RecordingError
-from wil_campaign.plugins.ros2.ros2_part import INSTALL, Distribution
+from wil_campaign.plugins.ros2.bags.bag_file_of_run import trouble
+from wil_campaign.plugins.ros2.bags.whole_file import whole_file
+from wil_campaign.plugins.ros2.ros2_part import Distribution
 
 if TYPE_CHECKING:
     from wil_campaign.plugins.ros2.bags.recorded_bag import WrittenBag
@@ -53,7 +50,7 @@ def export(
     from wil_campaign.plugins.ros2.messages.ros_types import ros_types  # noqa: PLC0415 - an extra
 
     try:
-        with _whole_file(ros2) as stream:
+        with whole_file(ros2) as stream:
             types = ros_types(distribution)
             written = write_bag(recording, stream, types, decodes=decode, allows_cut=cut)
     except RecordingError as error:
@@ -79,27 +76,7 @@ def _fault_of(recording: Path, file: Path) -> str:
         return f"{file}: name a file that ends in .mcap, by which tools of ROS know its storage"
     if not is_folder(file.parent):
         return f"{file}: there is no folder {file.parent}; create it"
-    if find_spec("rosbags") is None:
-        return f"bags of ROS 2 need rosbags, which is not installed: {INSTALL}"
-    return ""
-
-
-@contextmanager
-def _whole_file(path: Path) -> Iterator[IO[bytes]]:
-    """Open a file that has its name once it is whole, and is not there otherwise."""
-    prefix, suffix = f".{path.name}.", ".part"
-    with tempfile.NamedTemporaryFile(
-        dir=path.parent, prefix=prefix, suffix=suffix, delete=False
-    ) as stream:
-        part = Path(stream.name)
-        try:
-            yield stream
-            stream.flush()
-            part.chmod(0o644)
-            part.rename(path)
-        finally:
-            part.unlink(missing_ok=True)
-    sync_folder(path.parent)
+    return trouble()
 
 
 def _report(file: Path, written: "WrittenBag") -> None:

@@ -1,10 +1,14 @@
 """Types of ROS 2 messages by rosbags: their classes, hashes and CDR; no ROS is needed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
-from rosbags.typesys import Stores, get_typestore
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from wil_campaign.plugins.ros2.messages.trigger import TRIGGER, TRIGGER_HASH
 
 DISTRIBUTIONS = {
     "humble": Stores.ROS2_HUMBLE,
@@ -16,16 +20,33 @@ _NO_HASH = "TypeHashNotSupported"
 """What rmw_zenoh of humble, whose types have no hash, has in its place."""
 
 
+_ZEROS: Mapping[object, float | bool] = {"bool": False, "float32": 0.0, "float64": 0.0}
+"""Of types of numbers that are no integers."""
+
+
 class BadMessageError(Exception):
     """The bytes of a message are not those of its type; the message says why."""
 
 
-class RosTypes:
-    """The message types of a distribution of ROS 2; a type is named "sensor_msgs/msg/Image"."""
+class BadDefinitionError(Exception):
+    """The text of a message's definition cannot be read; the message says which."""
 
-    def __init__(self, distribution: str) -> None:
+
+class RosTypes:
+    """The message types of a distribution of ROS 2; a type is named "sensor_msgs/msg/Image".
+
+    definitions: texts of further types, by name. Raises BadDefinitionError.
+    """
+
+    def __init__(self, distribution: str, definitions: Mapping[str, str] | None = None) -> None:
         self._store = get_typestore(DISTRIBUTIONS[distribution])
         self._hashed = distribution != "humble"
+        for name, text in (definitions or {}).items():
+            try:
+                self._store.register(get_types_from_msg(text, name))
+            except Exception as error:  # whatever a text of others makes of the parser
+                reason = " ".join(str(error).split())
+                raise BadDefinitionError(f"the definition of {name} is none: {reason}") from error
 
     def cls(self, name: str) -> Callable[..., Any]:
         """Return the class of a type: its arguments are the fields."""
@@ -35,6 +56,19 @@ class RosTypes:
     def has_field(self, name: str, field: str) -> bool:
         """Return whether a type has a field in this distribution."""
         return field in self._store.types[name].__dataclass_fields__
+
+    def constant(self, name: str, constant: str) -> int:
+        """Return a constant of a type; 0 where it has none of that name."""
+        return int(getattr(self._store.types[name], constant, 0))
+
+    def zero(self, name: str) -> Any:
+        """Return a message of numbers, and arrays of fixed length of them, which are all 0."""
+        return self._store.types[name](
+            *(
+                np.zeros(of[1], of[0][1][0]) if kind == Nodetype.ARRAY else _ZEROS.get(of[0], 0)
+                for _, (kind, of) in self._store.fielddefs[name][1]
+            )
+        )
 
     def serialize(self, message: Any, name: str) -> bytes:
         """Return a message as CDR, little-endian."""
@@ -49,7 +83,9 @@ class RosTypes:
 
     def hash(self, name: str) -> str:
         """Return the hash of a type's definition (REP 2016)."""
-        return self._store.hash_rihs01(name) if self._hashed else _NO_HASH
+        if not self._hashed:
+            return _NO_HASH
+        return TRIGGER_HASH if name == TRIGGER else self._store.hash_rihs01(name)
 
     def definition(self, name: str) -> str:
         """Return the text of a type's definition and of those it contains, as bags have it."""

@@ -1,4 +1,4 @@
-"""Setpoints of ROS 2 messages: TwistStamped, PoseStamped, MultiDOFJointTrajectory."""
+"""Setpoints of messages: TwistStamped, PoseStamped, MultiDOFJointTrajectory, TrajectorySetpoint."""
 
 import math
 import struct
@@ -11,13 +11,19 @@ from wil_campaign.plugins.ros2.messages.ros_messages import (
     ODOMETRY_FRAME,
     POSE,
     TRAJECTORY,
+    TRAJECTORY_SETPOINT,
     TWIST,
     WORLD_FRAME,
 )
 from wil_campaign.vehicles.setpoints import PositionSetpoint, Setpoint, VelocitySetpoint
-from wil_campaign.worlds.frames import Pose, Vec3
+from wil_campaign.worlds.frames import Pose, Vec3, wrap_pi
 
 _NS = 1_000_000_000
+_NS_IN_US = 1_000
+_P_LEVEL, _P_UP = 0.95, 1.0
+"""Of a position's error to a velocity, 1/s: PX4's MPC_XY_P and MPC_Z_P."""
+_LEVEL_M_S, _UP_M_S, _DOWN_M_S = 12.0, 3.0, 1.5
+"""Most of such a velocity: MPC_XY_VEL_MAX, MPC_Z_VEL_MAX_UP and MPC_Z_VEL_MAX_DN."""
 _WORLD_FRAMES = ("", WORLD_FRAME, ODOMETRY_FRAME)
 _BODY_FRAMES = (BODY_FRAME, "base_footprint", "base_link_stabilized")
 
@@ -26,13 +32,20 @@ class BadSetpointError(Exception):
     """A message is no setpoint for a vehicle; says what of it, and the remedy."""
 
 
-def stamp_of(cdr: bytes) -> int:
-    """Return the stamp, in nanoseconds, of the CDR of a message that begins with a Header."""
+def stamp_of(cdr: bytes, kind: str = TWIST) -> int:
+    """Return the stamp, in nanoseconds, of the CDR of a setpoint: of its Header, or PX4's."""
     if len(cdr) < 12:
         return 0
     order = "<" if cdr[1] & 1 else ">"
+    if kind == TRAJECTORY_SETPOINT:
+        return int(struct.unpack_from(f"{order}Q", cdr, 4)[0]) * _NS_IN_US
     seconds, nanoseconds = struct.unpack_from(f"{order}iI", cdr, 4)
     return int(seconds) * _NS + int(nanoseconds)
+
+
+def stamp_in(kind: str, stamp_ns: int) -> int:
+    """Return a stamp as a setpoint can repeat it: PX4's have microseconds."""
+    return stamp_ns // _NS_IN_US * _NS_IN_US if kind == TRAJECTORY_SETPOINT else stamp_ns
 
 
 def setpoint_of(message: Any, kind: str, body: Pose) -> Setpoint:
@@ -78,6 +91,50 @@ def _of_trajectory(message: Any, body: Pose) -> Setpoint:
     raise BadSetpointError("has a first point with neither transforms nor velocities")
 
 
+def _of_px4(message: Any, body: Pose) -> Setpoint:
+    """Return the setpoint of a TrajectorySetpoint, NED, as PX4 takes it: NaN is not controlled.
+
+    An axis with a position flies to it, with a velocity at it. A mixture of both is a velocity,
+    which closes the error of a position as PX4's controller does. The velocity of an axis that has
+    both, and accelerations, feed forward and are left out.
+    """
+    position, velocity = message.position, message.velocity
+    yaw, turn = _controlled("yaw", message.yaw), _controlled("yawspeed", message.yawspeed)
+    places = [_controlled(f"position[{i}]", float(position[i])) for i in range(3)]
+    speeds = [_controlled(f"velocity[{i}]", float(velocity[i])) for i in range(3)]
+    for axis, (place, speed) in enumerate(zip(places, speeds, strict=True)):
+        if place is None and speed is None:
+            raise BadSetpointError(
+                f"has NaN as both position[{axis}] and velocity[{axis}]: give one of them, for "
+                "accelerations are not flown"
+            )
+    heading = None if yaw is None else wrap_pi(yaw)
+    north, east, down = places
+    if north is not None and east is not None and down is not None:
+        return PositionSetpoint((north, east, down), heading)
+    at_north, at_east, at_down = body.position_ned_m
+    found = (
+        _axis_speed(speeds[0], north, at_north, _P_LEVEL, (_LEVEL_M_S, _LEVEL_M_S)),
+        _axis_speed(speeds[1], east, at_east, _P_LEVEL, (_LEVEL_M_S, _LEVEL_M_S)),
+        _axis_speed(speeds[2], down, at_down, _P_UP, (_UP_M_S, _DOWN_M_S)),
+    )
+    return VelocitySetpoint(found, heading, turn if heading is None else None)
+
+
+def _axis_speed(
+    speed: float | None, place: float | None, at: float, gain: float, most: tuple[float, float]
+) -> float:
+    """Return the velocity of an axis, to its place if it has one. most: backward and forward."""
+    if place is None:
+        return 0.0 if speed is None else speed
+    return min(max(gain * (place - at), -most[0]), most[1])
+
+
+def _controlled(name: str, value: float) -> float | None:
+    """Return a value of PX4, None for NaN. Raises BadSetpointError for one that is infinite."""
+    return None if math.isnan(value) else _number(name, value)
+
+
 def _position(place: Any, turned: Any) -> PositionSetpoint:
     position = enu(_vector("position", place))
     quaternion = tuple(_number(f"orientation.{axis}", getattr(turned, axis)) for axis in "wxyz")
@@ -108,4 +165,5 @@ _READERS: Mapping[str, Callable[[Any, Pose], Setpoint]] = {
     TWIST: _of_twist,
     POSE: _of_pose,
     TRAJECTORY: _of_trajectory,
+    TRAJECTORY_SETPOINT: _of_px4,
 }

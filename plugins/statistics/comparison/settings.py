@@ -19,7 +19,16 @@ from wil_campaign.orchestrator.model.flown_firmware import distinct, firmware_ch
 from wil_campaign.orchestrator.model.results import RunResult
 
 _NO_SETTINGS = frozenset(
-    {"description", "repetitions", "seed", "published", "operator", "record", "campaign"}
+    {
+        "description",
+        "repetitions",
+        "seed",
+        "published",
+        "operator",
+        "record",
+        "campaign",
+        "observer",
+    }
 )
 """Keys of a campaign file that do not change what its flights show."""
 _ADDABLE = frozenset({"oracles", "cases", "controls"})

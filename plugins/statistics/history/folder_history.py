@@ -1,8 +1,8 @@
 """The history of campaigns by their results folders, and by a file that outlives them."""
 
 import time
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from wil_campaign.orchestrator.model.document_writer import write_whole
@@ -24,6 +24,7 @@ from wil_campaign.plugins.statistics.history.records import (
     read_records,
     records_of,
 )
+from wil_campaign.plugins.statistics.report_links import REPORT, link_from
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,17 +32,20 @@ class History:
     """Campaigns over time: a row for each case and mode of each campaign, oldest first.
 
     variations: flights that ended differently, flaky ones first. problems: in words, what could not
-    be read, or ended early.
+    be read, or ended early. reports: of the campaigns in the folders, by name and time of start.
     """
 
     rows: tuple[HistoryRow, ...]
     variations: tuple[Variation, ...]
     problems: tuple[str, ...]
+    reports: Mapping[tuple[str, str], Path] = field(default_factory=dict)
 
     def write_page(self, path: str | Path) -> None:
-        """Write the history as one HTML page. Raises OSError."""
+        """Write the history as one HTML page, which links to the reports. Raises OSError."""
+        links = {key: link_from(path, report) for key, report in self.reports.items()}
         made_utc = utc_text(time.time())
-        write_whole(Path(path), render_history(self.rows, self.variations, made_utc=made_utc))
+        page = render_history(self.rows, self.variations, reports=links, made_utc=made_utc)
+        write_whole(Path(path), page)
 
 
 def history(
@@ -57,21 +61,29 @@ def history(
     problems: list[str] = []
     known = read_records(Path(keep)) if keep is not None else []
     before = set(known)  # also earlier lines: an old copy of a folder is no news
-    new = [one for one in latest(_read(map(Path, folders), problems)) if one not in before]
+    reports: dict[tuple[str, str], Path] = {}
+    read = latest(_read(map(Path, folders), problems, reports))
+    new = [one for one in read if one not in before]
     if keep is not None:
         append_records(Path(keep), new)
     records = [one for one in latest([*known, *new]) if campaign in {None, one.campaign}]
     if not records:
         problems.append(f"no flights of a campaign in {_names(folders)}")
-    return History(tuple(history_rows(records)), tuple(variations(records)), tuple(problems))
+    rows, varied = tuple(history_rows(records)), tuple(variations(records))
+    return History(rows, varied, tuple(problems), reports)
 
 
 def _names(folders: Sequence[str | Path]) -> str:
     return ", ".join(map(str, folders))
 
 
-def _read(folders: Iterable[Path], problems: list[str]) -> list[FlightRecord]:
-    """Return the flights at and beneath folders; unreadable ones are added to the problems."""
+def _read(
+    folders: Iterable[Path], problems: list[str], reports: dict[tuple[str, str], Path]
+) -> list[FlightRecord]:
+    """Return the flights at and beneath folders.
+
+    Unreadable folders are added to the problems, and the reports of the others to `reports`.
+    """
     found: list[FlightRecord] = []
     for folder in folders:
         if not folder.is_dir():
@@ -88,5 +100,8 @@ def _read(folders: Iterable[Path], problems: list[str]) -> list[FlightRecord]:
             summary = documents.summary
             if summary is not None and (summary.stopped or summary.broken):
                 problems.append(f"{path}: {summary.ending}")
-            found += records_of(documents)
+            records = list(records_of(documents))
+            found += records
+            if records and (path / REPORT).is_file():
+                reports[(records[0].campaign, records[0].started_utc)] = path / REPORT
     return found

@@ -10,6 +10,17 @@ forwarded; once it latches they are not, and its own contingency brings every ve
 from collections.abc import Mapping, Sequence
 
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.commands import (
+    Alive,
+    AnchorAt,
+    BringDown,
+    ClocksApart,
+    CoreMessage,
+    NewFences,
+    Operate,
+    OrchestratorEnded,
+    VehicleGone,
+)
 from wil_campaign.safety.guard.core.contingency import Action, ContingencyPlan, Phase
 from wil_campaign.safety.guard.core.events import (
     Cause,
@@ -112,10 +123,6 @@ class GuardCore:
         """Return when the guard last received anything from a vehicle; None for never."""
         return self._supervised_vehicles[name].seen.last_received_s
 
-    def anchor(self, name: str, anchor: Anchor) -> None:
-        """Set a vehicle's local frame in the world for the guard: its estimate is a position."""
-        self._supervised_vehicles[name].seen.anchor = anchor
-
     def from_vehicle(self, name: str, data: bytes, t_s: float) -> Outputs:
         """Take bytes from a vehicle: they are always forwarded."""
         frames = self.split_from_vehicle(name, data)
@@ -216,11 +223,42 @@ class GuardCore:
         supervised = self._supervised_vehicles[name]
         return self._place(supervised, position_ned_m, velocity_ned_m_s, t_s, reported=True)
 
-    def command(self, command: OperatorCommand, t_s: float) -> Outputs:
-        """Execute an operator's command. Abort has priority and is final.
+    def apply(self, message: CoreMessage, t_s: float) -> Outputs:  # noqa: PLR0911 - one a message
+        """Execute a command, or act on what the guard's process found.
 
-        Raises ValueError for a geofence: its document is read first, see `change_fences`.
+        Raises ValueError for an operator's geofence: its document is read first, see `NewFences`.
         """
+        match message:
+            case Alive():
+                return self._note_alive(t_s)
+            case Operate(command):
+                return self._operate(command, t_s)
+            case BringDown(reason):
+                return tuple(self._latch("bring_down", "", reason, t_s))
+            case NewFences():
+                return self._change_fences(message, t_s)
+            case AnchorAt(vehicle, origin_ned_m, turn_rad):
+                self._supervised_vehicles[vehicle].seen.anchor = Anchor(origin_ned_m, turn_rad)
+                return ()
+            case OrchestratorEnded():
+                if not self.may_be_armed(t_s):
+                    return ()
+                return tuple(self._latch("silence", "", "the orchestrator ended", t_s))
+            case VehicleGone(vehicle, text):
+                supervised = self._supervised_vehicles[vehicle]
+                supervised.gone = supervised.lost = True
+                return tuple(self._latch("lost", vehicle, text, t_s))
+            case ClocksApart(vehicle, text):
+                return tuple(self._latch("clock", vehicle, text, t_s))
+
+    def _note_alive(self, t_s: float) -> Outputs:
+        last_s, self._alive_s = self._alive_s, t_s
+        if last_s is None or t_s - last_s <= self.settings.orchestrator_silent_s:
+            return ()
+        return (self._event(t_s, "heard", "", "messages from the orchestrator arrive again"),)
+
+    def _operate(self, command: OperatorCommand, t_s: float) -> Outputs:
+        """Execute an operator's command. Abort has priority and is final."""
         who = command.who
         if command.kind == "geofence":
             raise ValueError("the guard takes parsed fences, not a file's text")
@@ -250,64 +288,29 @@ class GuardCore:
             supervised.seen.note_resume(t_s)
         return (self._event(t_s, "resume", "", f"resumed by {who}"), *self._notes(t_s))
 
-    def propose_fences(self, fences: Mapping[str, Fence], who: str, t_s: float) -> Outputs:
-        """Return an event: whether new fences are acceptable for the vehicles, or why not.
+    def _change_fences(self, new: NewFences, t_s: float) -> Outputs:
+        """Change vehicles' fences, all or none; an event says which, and why.
 
-        To be called before the fences are uploaded to the autopilots: the present fences apply
-        until `change_fences`.
+        The present fences apply while new ones that were only proposed are uploaded.
         """
-        names = " and ".join(fences)
-        why = self._refusal_of(fences, t_s)
-        if why:
-            return (self._event(t_s, "refused", "", f"{who}: geofence: {why}"),)
-        text = (
-            f"{who} requests another fence for {names}; the old one applies until the "
-            "autopilot has the new one"
-        )
-        return (self._event(t_s, "proposed", "", text),)
-
-    def change_fences(self, fences: Mapping[str, Fence], who: str, t_s: float) -> Outputs:
-        """Change vehicles' fences in the guard, all or none; an event says which, and why."""
-        if why := self._refusal_of(fences, t_s):
-            return (self._event(t_s, "refused", "", f"{who}: geofence: {why}"),)
-        for name, fence in fences.items():
+        if why := self._refusal_of(new.fences, t_s):
+            return (self._event(t_s, "refused", "", f"{new.who}: geofence: {why}"),)
+        names = " and ".join(new.fences)
+        if new.proposed:
+            text = (
+                f"{new.who} requests another fence for {names}; the old one applies until the "
+                "autopilot has the new one"
+            )
+            return (self._event(t_s, "proposed", "", text),)
+        for name, fence in new.fences.items():
             self._supervised_vehicles[name].change_fence(fence)
-        names = " and ".join(fences)
-        return (self._event(t_s, "geofence", "", f"{who} changed the fence of {names}"),)
+        return (self._event(t_s, "geofence", "", f"{new.who} changed the fence of {names}"),)
 
     def _refusal_of(self, fences: Mapping[str, Fence], t_s: float) -> str:
         if self.latched is not None:
             return "all vehicles are landing"
         motions = {name: self._supervised_vehicles[name].seen.motion(t_s) for name in fences}
         return refusal_of_changes(fences, motions, self.settings)
-
-    def bring_down(self, reason: str, t_s: float) -> Outputs:
-        """Have the guard bring all vehicles down for a reason of the orchestrator."""
-        return tuple(self._latch("bring_down", "", reason, t_s))
-
-    def orchestrator_alive(self, t_s: float) -> Outputs:
-        """Take the orchestrator's sign of life; from the first on, silence counts."""
-        out: Outputs = ()
-        last_s, self._alive_s = self._alive_s, t_s
-        if last_s is not None and t_s - last_s > self.settings.orchestrator_silent_s:
-            out = (self._event(t_s, "heard", "", "messages from the orchestrator arrive again"),)
-        return out
-
-    def orchestrator_ended(self, t_s: float) -> Outputs:
-        """Take that the orchestrator is gone; if any vehicle may be armed, bring all down."""
-        if not self.may_be_armed(t_s):
-            return ()
-        return tuple(self._latch("silence", "", "the orchestrator ended", t_s))
-
-    def vehicle_gone(self, name: str, text: str, t_s: float) -> Outputs:
-        """Take that a vehicle's simulator process has ended: bring down the other vehicles."""
-        supervised = self._supervised_vehicles[name]
-        supervised.gone = supervised.lost = True
-        return tuple(self._latch("lost", name, text, t_s))
-
-    def clocks_apart(self, name: str, text: str, t_s: float) -> Outputs:
-        """Take that a simulated vehicle's time has diverged from the run clock."""
-        return tuple(self._latch("clock", name, text, t_s))
 
     def tick(self, t_s: float) -> Outputs:
         """Take that time has passed; called at 20 Hz, the rate of setpoints."""

@@ -31,6 +31,17 @@ from wil_campaign.foundation.processes.fork_server import ForkServer
 from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.foundation.processes.linux import rise_above_load, stay_in_memory
 from wil_campaign.foundation.tasks import FAULTS, TaskAccount, start
+from wil_campaign.safety.guard.core.commands import (
+    Alive,
+    AnchorAt,
+    BringDown,
+    Command,
+    NewFences,
+    Operate,
+    OrchestratorEnded,
+    StartOutage,
+    VehicleGone,
+)
 from wil_campaign.safety.guard.core.events import EventKind, GuardEvent, unrecorded
 from wil_campaign.safety.guard.local_guard import GuardLinks, LocalGuard
 from wil_campaign.safety.guard.operator.operator_requests import OperatorOrders
@@ -43,9 +54,6 @@ from wil_campaign.safety.guard.process.guard_log import GuardLog, guard_file
 from wil_campaign.safety.guard.process.guard_stderr import logging_in_thread
 from wil_campaign.safety.guard.process.lockstep_clock import ORCHESTRATOR
 from wil_campaign.safety.guard.process.messages import (
-    Alive,
-    AnchorAt,
-    BringDown,
     Bytes,
     ConfigMessage,
     End,
@@ -54,14 +62,11 @@ from wil_campaign.safety.guard.process.messages import (
     Failed,
     Follow,
     FrameSent,
-    NewFences,
     Opened,
-    Operate,
     Position,
     Reached,
     Start,
     Started,
-    StartOutage,
     Status,
     ToGuard,
     to_guard,
@@ -77,7 +82,7 @@ from wil_campaign.safety.guard.process.process_links import (
     open_ports,
     vehicle_link,
 )
-from wil_campaign.safety.guard.process.run_clock import RunClock, Trouble
+from wil_campaign.safety.guard.process.run_clock import RunClock
 from wil_campaign.safety.guard.process.run_clock_factory import run_clock_of
 from wil_campaign.safety.guard.process.runtime_folder import (
     open_runtime_folder,
@@ -87,7 +92,6 @@ from wil_campaign.safety.guard.process.runtime_folder import (
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.mavlink.tlog import TlogWriter
-from wil_campaign.vehicles.poses.anchor import Anchor
 from wil_campaign.vehicles.vehicle_server_process import vehicle_program
 
 _log = logging.getLogger(__name__)
@@ -151,7 +155,7 @@ class GuardProcess:
         account = TaskAccount(fault=self._fault, expected=(VehicleError, OSError))
         try:
             with account.of(loop):
-                await self._guard(GuardConfig.unpacked(message.packed))
+                await self._serve(GuardConfig.unpacked(message.packed))
         except (GuardConfigError, VehicleError, OSError) as error:
             self._channel.send(Failed(f"the guard cannot start: {error}"))
             return 1
@@ -160,7 +164,7 @@ class GuardProcess:
         # Who waits for our end takes this for an error when nothing of it reached him.
         return 1 if self._faults else 0
 
-    async def _guard(self, guard_config: GuardConfig) -> None:
+    async def _serve(self, guard_config: GuardConfig) -> None:
         self._guard_config = guard_config
         self._names = tuple(guard_config.vehicles)
         folder = Path(guard_config.folder)
@@ -204,8 +208,8 @@ class GuardProcess:
         self._clock = run_clock_of(
             guard_config,
             channel=self._channel,
-            trouble=self._clock_trouble,
-            took_over=lambda: self._shell.core.latched is not None,
+            trouble=lambda trouble: self._guard.send(trouble),  # noqa: PLW0108 - it is made below
+            took_over=lambda: self._guard.core.latched is not None,
         )
         if self._clock is not None:
             stack.callback(self._clock.close)
@@ -220,7 +224,7 @@ class GuardProcess:
             self._links.append(inner)
             near = raw[name] if self._clock is None else self._clock.tap(name, raw[name])
             links[name] = guard_links(one, near, inner, report=partial(self._on_link, "link", name))
-        self._shell = LocalGuard(
+        self._guard = LocalGuard(
             vehicles={name: one.vehicle for name, one in guard_config.vehicles.items()},
             links=links,
             settings=guard_config.settings,
@@ -229,15 +233,12 @@ class GuardProcess:
             early_s=EARLY_S if self._clock is None else 0.0,
             ticked=self._send_due_status,
         )
-        self._shell.on_event(self._event)
-        await stack.enter_async_context(self._shell)
+        self._guard.on_event(self._event)
+        await stack.enter_async_context(self._guard)
         self._guarding = True
         stack.push_async_callback(self._reap)
         await self._write_record(stack, runtime)
         self._report_opened(raw)
-
-    def _clock_trouble(self, name: str, trouble: Trouble, text: str) -> None:
-        (self._shell.vehicle_gone if trouble == "stalled" else self._shell.clocks_apart)(name, text)
 
     async def _write_record(self, stack: AsyncExitStack, runtime: Path) -> None:
         """Open the operator's socket and write the guard process's record."""
@@ -245,7 +246,7 @@ class GuardProcess:
         path = runtime / f"guard-{me.pid}.sock"
         path.unlink(missing_ok=True)
         orders = OperatorOrders(
-            guard=self._shell,
+            guard=self._guard,
             run=self._guard_config.run,
             refused=lambda text: self._note("refused", text=text),
             lost=lambda: self._is_orchestrator_lost,
@@ -283,19 +284,19 @@ class GuardProcess:
         gc.freeze()
 
     def _send_status(self) -> None:
-        core = self._shell.core
+        core = self._guard.core
         rest = not core.may_be_armed(self._loop.time())
         if core.latched is None and rest:
             # On the ground an orchestrator that is busy and silent does no harm.
-            self._shell.alive()
+            self._guard.send(Alive())
         self._statuses_unanswered += 1
         if rest and self._statuses_unanswered * STATUS_S > self._guard_config.patience_s:
             # Stopped, or in a debugger: its end of the channel is open, and may be so for ever.
             self._lose("nothing came from the orchestrator for a long time, and nothing flies")
         self._channel.send(Status(core.latched, core.all_down, rest, tuple(core.phases.values())))
-        # With a tick of the shell's, so that the process wakes once for both.
+        # With a tick of the guard's, so that the process wakes once for both.
         now_s = time.monotonic()
-        since_s = now_s - self._shell.started_s + EARLY_S
+        since_s = now_s - self._guard.started_s + EARLY_S
         delay_s = STATUS_S - since_s % STATUS_S + EARLY_S
         self._status_at_s = now_s + delay_s
         self._status_timer = call_wall_later(delay_s, self._send_status)
@@ -307,38 +308,36 @@ class GuardProcess:
 
     def _take(self, message: ToGuard) -> None:
         self._statuses_unanswered = 0
-        # By class, for the two that nearly all are of: patterns touch more than these need.
+        # By class, for those that nearly all are of: patterns touch more than these need.
         if isinstance(message, Bytes) and message.index < len(self._links):
             self._links[message.index].arrive(message.data, self._loop.time())
         elif isinstance(message, Position) and message.index < len(self._links):
             name, place = self._names[message.index], message.position_ned_m
-            self._shell.place(name, place, message.velocity_ned_m_s, message.t_s)
+            self._guard.place(name, place, message.velocity_ned_m_s, message.t_s)
+        elif isinstance(message, Reached) and self._clock is not None:
+            self._clock.reached(ORCHESTRATOR, message.run_s)
+        elif isinstance(message, Command) and self._can_execute(message):
+            self._guard.send(message)
         else:
-            self._take_other(message)
+            self._take_rare(message)
 
-    def _take_other(self, message: ToGuard) -> None:
-        match message:
-            case Alive() if self._links:
-                self._shell.alive()
-            case Reached(run_s) if self._clock is not None:
-                self._clock.reached(ORCHESTRATOR, run_s)
-            case _:
-                self._take_rare(message)
+    def _can_execute(self, command: Command) -> bool:
+        """Return whether the guard is there, and the command is one for it and its vehicles."""
+        match command:
+            case Operate(operators):
+                is_ours = operators.kind != "geofence"
+            case NewFences(_, fences):
+                is_ours = fences.keys() <= {*self._names}
+            case AnchorAt(vehicle) | StartOutage(vehicle):
+                is_ours = vehicle in self._names
+            case Alive() | BringDown():
+                is_ours = True
+        return is_ours and bool(self._links)
 
     def _take_rare(self, message: ToGuard) -> None:
         match message:
             case ConfigMessage() if not self._config_message.done():
                 self._config_message.set_result(message)
-            case Operate(command) if self._links and command.kind != "geofence":
-                self._shell.command(command)
-            case BringDown(reason) if self._links:
-                self._shell.bring_down(reason)
-            case NewFences(who, fences, proposed) if self._links and set(fences) <= {*self._names}:
-                (self._shell.propose_fences if proposed else self._shell.change_fences)(fences, who)
-            case AnchorAt(name, origin, turn) if name in self._names:
-                self._shell.anchor(name, Anchor(origin, turn))
-            case StartOutage(name, duration_s) if name in self._names and self._links:
-                self._shell.start_outage(name, duration_s)
             case Start() if message.vehicle in self._names:
                 task = start(self._start(message), name=f"start {message.vehicle}")
                 self._starts.add(task)
@@ -386,7 +385,7 @@ class GuardProcess:
         how = f"its process {how_it_ended(code)}"
         self._note("ended", vehicle=name, text=how)
         if not self._ending:
-            self._shell.vehicle_gone(name, f"{name} ended: {how}")
+            self._guard.send(VehicleGone(name, f"{name} ended: {how}"))
         self._channel.send(Ended(name, code, child.stderr_tail))
 
     async def _reap(self) -> None:
@@ -405,8 +404,8 @@ class GuardProcess:
         """Without an orchestrator: bring all down before the guard process ends."""
         loop = asyncio.get_running_loop()
         since_s = loop.time()
-        self._shell.orchestrator_ended()
-        while busy := self._shell.core.may_be_armed(loop.time()):
+        self._guard.send(OrchestratorEnded())
+        while busy := self._guard.core.may_be_armed(loop.time()):
             if loop.time() - since_s > self._guard_config.patience_s and not self._may_do_harm(
                 busy
             ):
@@ -416,7 +415,7 @@ class GuardProcess:
 
     def _may_do_harm(self, busy: tuple[str, ...]) -> bool:
         """Return whether anything was received lately from an armed vehicle that may do harm."""
-        now_s, core = asyncio.get_running_loop().time(), self._shell.core
+        now_s, core = asyncio.get_running_loop().time(), self._guard.core
         return any(
             self._guard_config.vehicles[name].vehicle.attached
             and now_s - (core.last_received_s(name) or 0.0) < self._guard_config.patience_s
@@ -459,7 +458,7 @@ class GuardProcess:
         try:
             self._event(event)
             if self._guarding:
-                self._shell.bring_down(event.text)
+                self._guard.send(BringDown(event.text))
         finally:
             # Only now: the source of the lines of a traceback is read from the disk.
             trace = "".join(format_exception(error))
@@ -477,7 +476,7 @@ class GuardProcess:
         try:
             log.__exit__(None, None, None)
         except OSError as error:
-            known = {one.vehicle for one in self._shell.events if one.kind == "record"}
+            known = {one.vehicle for one in self._guard.events if one.kind == "record"}
             if name not in known:
                 self._event(unrecorded(name, asyncio.get_running_loop().time(), error))
 

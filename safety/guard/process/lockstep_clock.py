@@ -13,7 +13,8 @@ from wil_campaign.foundation.clocks.lockstep import Lockstep
 from wil_campaign.foundation.clocks.paced_loop import PacedLoop
 from wil_campaign.foundation.clocks.progress import ProgressReporter
 from wil_campaign.foundation.clocks.sim_clock_controller import STALL_S, Segment
-from wil_campaign.safety.guard.process.run_clock import PaceSetup, RunClock, Trouble
+from wil_campaign.safety.guard.core.commands import Trouble
+from wil_campaign.safety.guard.process.run_clock import PaceSetup, RunClock
 
 ORCHESTRATOR = "orchestrator"
 HURRY_S = 0.5
@@ -32,7 +33,7 @@ class LockstepClock(RunClock):
         setup: PaceSetup,
         loop: PacedLoop,
         publish: Callable[[Segment], None],
-        trouble: Callable[[str, Trouble, str], None],
+        trouble: Callable[[Trouble], None],
         took_over: Callable[[], bool],
         wall: Callable[[], float] = time.monotonic,
     ) -> None:

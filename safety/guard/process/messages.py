@@ -12,11 +12,9 @@ import msgspec
 from wil_campaign.foundation.processes.codec import Codec, Finite, Message, Plain
 from wil_campaign.safety.fence.fence_values import fence_of_plain, plain_fence
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.commands import Command
 from wil_campaign.safety.guard.core.contingency import Phase
 from wil_campaign.safety.guard.core.events import Cause, GuardEvent
-from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-
-FiniteVec3 = tuple[Finite, Finite, Finite]
 
 
 class ConfigMessage(Message, frozen=True):
@@ -68,48 +66,6 @@ class Position(Message, frozen=True):
     position_ned_m: tuple[float, float, float]
     q_wxyz: tuple[float, float, float, float]
     velocity_ned_m_s: tuple[float, float, float]
-
-
-class Alive(Message, frozen=True):
-    """Message to the guard: a sign of life of the orchestrator's event loop."""
-
-
-class Operate(Message, frozen=True):
-    """Message to the guard: an operator's abort, hold or resume."""
-
-    command: OperatorCommand
-
-
-class BringDown(Message, frozen=True):
-    """Message to the guard: bring all down for a reason of the orchestrator."""
-
-    reason: str
-
-
-class NewFences(Message, frozen=True):
-    """Message to the guard: give vehicles new fences, all or none; who: gave the command.
-
-    proposed: only say whether they could be given.
-    """
-
-    who: str
-    fences: dict[str, Fence]
-    proposed: bool = False
-
-
-class AnchorAt(Message, frozen=True):
-    """Message to the guard: a vehicle's local frame in the world."""
-
-    vehicle: str
-    origin_ned_m: FiniteVec3
-    turn_rad: Finite
-
-
-class StartOutage(Message, frozen=True):
-    """Message to the guard: start a link outage of a vehicle for a while."""
-
-    vehicle: str
-    duration_s: Finite
 
 
 class Follow(Message, frozen=True):
@@ -193,21 +149,7 @@ class Failed(Message, frozen=True):
     text: str
 
 
-ToGuard = (
-    ConfigMessage
-    | Start
-    | Bytes
-    | Position
-    | Alive
-    | Operate
-    | BringDown
-    | NewFences
-    | AnchorAt
-    | StartOutage
-    | Follow
-    | Reached
-    | End
-)
+ToGuard = ConfigMessage | Start | Bytes | Position | Command | Follow | Reached | End
 ToOrchestrator = (
     Bytes | FrameSent | Unread | Opened | Started | Ended | EventMessage | Status | Pace | Failed
 )

@@ -5,7 +5,7 @@ import math
 import os
 import socket
 from collections import deque
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Self
 
 from wil_campaign.foundation.clocks.paced_loop import call_wall_later
@@ -14,9 +14,10 @@ from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.foundation.tasks import Contained, report, start, stop
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.fence.stopping import AccelerationEstimate, Motion
+from wil_campaign.safety.guard.core.commands import Alive, Command, NewFences
 from wil_campaign.safety.guard.core.contingency import Phase
 from wil_campaign.safety.guard.core.events import GuardEvent, is_about_fences
-from wil_campaign.safety.guard.core.operator_command import OperatorCommand
+from wil_campaign.safety.guard.guard import Guard
 from wil_campaign.safety.guard.local_guard import Record
 from wil_campaign.safety.guard.process.channel import Channel
 from wil_campaign.safety.guard.process.channel_link import ChannelLink
@@ -24,9 +25,6 @@ from wil_campaign.safety.guard.process.guard_config import GuardConfig
 from wil_campaign.safety.guard.process.guard_launch import LaunchedGuard, spawn_guard
 from wil_campaign.safety.guard.process.guard_stderr import guard_stderr_tail, remove_if_empty
 from wil_campaign.safety.guard.process.messages import (
-    Alive,
-    AnchorAt,
-    BringDown,
     Bytes,
     ConfigMessage,
     End,
@@ -35,15 +33,12 @@ from wil_campaign.safety.guard.process.messages import (
     Failed,
     Follow,
     FrameSent,
-    NewFences,
     Opened,
-    Operate,
     Pace,
     Position,
     Reached,
     Start,
     Started,
-    StartOutage,
     Status,
     ToOrchestrator,
     Unread,
@@ -51,10 +46,8 @@ from wil_campaign.safety.guard.process.messages import (
 )
 from wil_campaign.safety.guard.process.orphaned_links import OrphanedLinks, link_maker
 from wil_campaign.safety.guard.process.remote_clock import RemoteClock
-from wil_campaign.safety.guard.waits import happens
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.links.link import Link, LinkError
-from wil_campaign.vehicles.poses.anchor import Anchor
 
 ALIVE_S = 0.1
 _OPEN_S = 20.0
@@ -72,7 +65,7 @@ class GuardFailedError(Exception):
     """An exception in the remote guard's process; holds what it wrote to stderr."""
 
 
-class RemoteGuard:
+class RemoteGuard(Guard):
     """The guard in its own process: starts it, talks to it; an async context manager.
 
     record: gets the commands that went to a vehicle, with the time of the wire; all frames are in
@@ -89,6 +82,7 @@ class RemoteGuard:
         record: Record | None = None,
         fed: Collection[str] = (),
     ) -> None:
+        super().__init__()
         self._guard_config = guard_config
         self._fed = tuple(fed)
         self._feeds: dict[str, tuple[socket.socket, int]] = {}
@@ -112,11 +106,7 @@ class RemoteGuard:
         self._requested_fences: deque[Mapping[str, Fence]] = deque()
         """That the guard was asked to take and has not answered, oldest first; empty for a mere
         proposal. A position that breaches one does not wait either."""
-        self.events: list[GuardEvent] = []
-        self._listeners: list[Callable[[GuardEvent], None]] = []
         self._phases = dict.fromkeys(self._names, Phase.IDLE)
-        self._down = asyncio.Event()
-        self._rest = asyncio.Event()
         self._gone = False
         self._ending = False
         self._silent_checks = 0
@@ -205,10 +195,6 @@ class RemoteGuard:
         if (self._process.exit_code or 0) > 0:
             report(GuardFailedError(guard_stderr_tail(self._guard_config.folder)), "the guard")
 
-    def on_event(self, listener: Callable[[GuardEvent], None]) -> None:
-        """Register a listener for every event of the remote guard."""
-        self._listeners.append(listener)
-
     def follow(self) -> None:
         """Have the remote guard's scaled clock follow the leading vehicle."""
         if self._guard_config.pace is not None:
@@ -226,43 +212,14 @@ class RemoteGuard:
         else:
             self._channel.send_soon(message, key=index, within_s=_LATEST_S)
 
-    def anchor(self, name: str, anchor: Anchor) -> None:
-        """Send the remote guard a vehicle's local frame in the world."""
-        self._channel.send(AnchorAt(name, anchor.origin_ned_m, anchor.turn_rad))
-
-    def start_outage(self, name: str, duration_s: float) -> None:
-        """Have the remote guard start a link outage of a vehicle."""
-        self._channel.send(StartOutage(name, duration_s))
-
-    def alive(self) -> None:
-        """Send the remote guard a sign of life; later ones are sent from the event loop."""
-        self._channel.send_soon(Alive(), key=Alive, within_s=_LATEST_S)
-
-    def command(self, command: OperatorCommand) -> None:
-        """Send the remote guard an operator's abort, hold or resume; an event reports it."""
-        self._channel.send(Operate(command))
-
-    def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        """Ask the remote guard whether vehicles could take new fences."""
-        self._requested_fences.append({})
-        self._channel.send(NewFences(who, dict(fences), proposed=True))
-
-    def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        """Have the remote guard change vehicles' fences, all or none."""
-        self._requested_fences.append(dict(fences))
-        self._channel.send(NewFences(who, dict(fences)))
-
-    def bring_down(self, reason: str) -> None:
-        """Have the remote guard bring all down for a reason of the orchestrator."""
-        self._channel.send(BringDown(reason))
-
-    async def all_down(self, timeout_s: float) -> bool:
-        """Wait until the remote guard brought all down; False after `timeout_s`."""
-        return await happens(self._down, timeout_s)
-
-    async def at_rest(self, timeout_s: float) -> bool:
-        """Wait until the remote guard sees nothing armed; False after `timeout_s`."""
-        return await happens(self._rest, timeout_s)
+    def send(self, command: Command) -> None:
+        """Send the remote guard a command; later signs of life are sent from the event loop."""
+        if isinstance(command, Alive):
+            self._channel.send_soon(command, key=Alive, within_s=_LATEST_S)
+            return
+        if isinstance(command, NewFences):
+            self._requested_fences.append({} if command.proposed else command.fences)
+        self._channel.send(command)
 
     def _spawn(self) -> LaunchedGuard:
         """Launch the guard process, with the far ends of the vehicles' feeds. Raises LinkError."""
@@ -354,7 +311,7 @@ class RemoteGuard:
         )
 
     def _beat(self) -> None:
-        self.alive()
+        self.send(Alive())
         self._beating = call_wall_later(ALIVE_S, self._beat)
 
     def _check(self) -> None:
@@ -377,9 +334,8 @@ class RemoteGuard:
                 if self._record is not None:
                     self._record(self._names[index], t_s, frame)
             case Status(_, all_down, at_rest, phases):
-                (self._rest.set if at_rest else self._rest.clear)()
                 self._phases = dict(zip(self._names, phases, strict=True))
-                (self._down.set if all_down else self._down.clear)()
+                self._show(at_rest=at_rest, all_down=all_down)
             case EventMessage(event):
                 self._dispatch_event(event)
             case Pace():
@@ -416,10 +372,7 @@ class RemoteGuard:
             taken = self._requested_fences.popleft()
             if event.kind == "geofence":
                 self._fences |= taken
-        self.events.append(event)
-        for listener in self._listeners:
-            with Contained(f"a listener to the guard ({event.kind})"):
-                listener(event)
+        self._report(event)
 
     def _on_guard_lost(self) -> None:
         """Handle the unexpected end of the guard process."""
@@ -430,8 +383,7 @@ class RemoteGuard:
         if self._ending:
             return
         now_s = asyncio.get_running_loop().time()
-        self._down.clear()
-        self._rest.clear()
+        self._show(at_rest=False, all_down=False)
         self._aftermath = start(self._watch_failsafes(), name="after the guard")
         text = "the guard's process ended; the autopilots' own failsafes must act"
         self._dispatch_event(GuardEvent(now_s, "guard", "", text))
@@ -448,11 +400,8 @@ class RemoteGuard:
         async with OrphanedLinks(links=watched, targets=targets, received=self._receive) as links:
             # Driver and judge go on receiving until the run is over.
             while True:
-                if all(self._is_down(name, links) for name in watched):
-                    self._down.set()
-                    self._rest.set()
-                else:
-                    self._rest.clear()
+                down = all(self._is_down(name, links) for name in watched)
+                self._show(at_rest=down, all_down=down or self._down.is_set())
                 await asyncio.sleep(_POLL_S)
 
     def _is_down(self, name: str, links: OrphanedLinks) -> bool:

@@ -5,13 +5,12 @@ import socket
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 from wil_campaign.foundation.clocks.sim_clock_controller import STALL_S, STEP_S, Segment
 from wil_campaign.foundation.processes.clock_socket import ClockSockets
+from wil_campaign.safety.guard.core.commands import Trouble, VehicleGone
 from wil_campaign.vehicles.links.link import Link
-
-Trouble = Literal["stalled", "apart"]
 
 
 class PacedClock(Protocol):
@@ -46,8 +45,8 @@ class PaceSetup:
 class RunClock:
     """The base of what leads the run clock: a step every `STEP_S` of wall time.
 
-    publish: sends the orchestrator a segment. trouble: called with a vehicle, what it is, and that
-    in words; once for each vehicle. wall: CLOCK_MONOTONIC.
+    publish: sends the orchestrator a segment. trouble: called with what is wrong with a vehicle,
+    once for each. wall: CLOCK_MONOTONIC.
     """
 
     def __init__(
@@ -56,7 +55,7 @@ class RunClock:
         setup: PaceSetup,
         loop: PacedClock,
         publish: Callable[[Segment], None],
-        trouble: Callable[[str, Trouble, str], None],
+        trouble: Callable[[Trouble], None],
         wall: Callable[[], float] = time.monotonic,
     ) -> None:
         self._setup = setup
@@ -120,14 +119,13 @@ class RunClock:
         self._publish(segment)
 
     def _report_stall(self, name: str) -> None:
-        self._report(
-            name,
-            "stalled",
+        text = (
             f"the simulation of {name} hangs: its time has not advanced for "
-            f"{STALL_S:g} s; the simulator hangs or was stopped",
+            f"{STALL_S:g} s; the simulator hangs or was stopped"
         )
+        self._report(VehicleGone(name, text))
 
-    def _report(self, name: str, trouble: Trouble, text: str) -> None:
-        if name not in self._reported:
-            self._reported.add(name)
-            self._trouble(name, trouble, text)
+    def _report(self, trouble: Trouble) -> None:
+        if trouble.vehicle not in self._reported:
+            self._reported.add(trouble.vehicle)
+            self._trouble(trouble)

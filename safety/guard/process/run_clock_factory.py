@@ -22,12 +22,13 @@ from wil_campaign.foundation.clocks.sim_clock_controller import (
     Segment,
     SimClockController,
 )
+from wil_campaign.safety.guard.core.commands import ClocksApart, Trouble
 from wil_campaign.safety.guard.core.events import GuardedVehicle
 from wil_campaign.safety.guard.process.channel import Channel
 from wil_campaign.safety.guard.process.guard_config import GuardConfig
 from wil_campaign.safety.guard.process.lockstep_clock import LockstepClock
 from wil_campaign.safety.guard.process.messages import Pace
-from wil_campaign.safety.guard.process.run_clock import PacedClock, PaceSetup, RunClock, Trouble
+from wil_campaign.safety.guard.process.run_clock import PacedClock, PaceSetup, RunClock
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.links.tapped import TappedLink
 from wil_campaign.vehicles.mavlink.codec import Codec
@@ -57,7 +58,7 @@ class ClockFollower(RunClock):
         systems: Mapping[str, int],
         loop: PacedClock,
         publish: Callable[[Segment], None],
-        trouble: Callable[[str, Trouble, str], None],
+        trouble: Callable[[Trouble], None],
         pace_frames: Mapping[str, PaceFrame] | None = None,
         wall: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -127,13 +128,12 @@ class ClockFollower(RunClock):
             return
         which = "ahead of" if apart.off_s > 0.0 else "behind"
         own = f"{track.line(wall_s)[1]:.1f}" if track.known else "?"
-        self._report(
-            name,
-            "apart",
+        text = (
             f"the time of {name} is {abs(apart.off_s):.1f} s {which} that of {self._leader}: "
             f"asked for {self._setup.nominal:g} times real time they attain {own} and "
-            f"{segment.rate:.1f}; ask for less",
+            f"{segment.rate:.1f}; ask for less"
         )
+        self._report(ClocksApart(name, text))
 
 
 def boot_s_of(frame: Frame) -> float:
@@ -148,7 +148,7 @@ def run_clock_of(
     guard_config: GuardConfig,
     *,
     channel: Channel[Any],
-    trouble: Callable[[str, Trouble, str], None],
+    trouble: Callable[[Trouble], None],
     took_over: Callable[[], bool],
 ) -> RunClock | None:
     """Return what leads the scaled clock; None under the wall clock.

@@ -67,9 +67,45 @@ def test_a_recording_is_found_beside_the_campaign(files: Files) -> None:
     assert found.address == str((files.folder / "run.mcap").resolve())
 
 
+DEPTH = "type: depth, rate_hz: 30, width_px: 64, height_px: 48, fov_deg: 69"
+
+
+@pytest.mark.parametrize(
+    ("address", "kind"),
+    [
+        ("tcp://127.0.0.1:5580", "zmq"),
+        ("rtp://0.0.0.0:5600", "rtp"),
+        ("realsense://012345", "realsense"),
+    ],
+)
+def test_a_depth_camera_has_live_sources(files: Files, address: str, kind: str) -> None:
+    with_sensor(files, f"{DEPTH}, source: '{address}'")
+    found = source(files)
+    assert (found.kind, found.address, found.shown_as) == (kind, address, "live")
+    needs = [said for _, said in files.load().setups["large"].needing_wall_clock()]
+    assert needs == [f"the depth at {address}"]
+
+
+def test_a_depth_camera_of_the_twin_that_only_streams_cannot_be_registered(files: Files) -> None:
+    for of in ("real", "twin"):
+        with_sensor(files, f"{DEPTH}, source: 'tcp://127.0.0.1:5580'", of=of)
+    recipe = (
+        "schema: wil/recipe/1\nsensors: {one: {type: depth}}\ncombine:\n"
+        "  - {sensor: one, transform: [{register: {pose: real}}],"
+        " merge: {aggregate: {by: min}}, publish: [real]}\n"
+    )
+    (files.folder / "recipe.yaml").write_text(recipe)
+    assert any("cannot provide a reading from a requested pose" in one for one in files.faults())
+
+
 @pytest.mark.parametrize(
     ("sensor", "of", "said"),
     [
+        (f"{DEPTH}, source: mavlink", "real", "no message with readings of type depth"),
+        (f"{DEPTH}, source: 'rtp://0.0.0.0'", "real", "is not rtp://HOST:PORT"),
+        (f"{DEPTH}, source: 'realsense://'", "real", "is not realsense://SERIAL"),
+        ("type: gps, source: 'realsense://any'", "real", "the sensor is a gps"),
+        (f"{DEPTH}, source: none.mcap", "real", "no file or folder 'none.mcap'"),
         ("type: microphone, source: mavlink", "real", "MAVLink has no message with readings"),
         ("type: lidar_points, source: mavlink", "real", "MAVLink has no message with readings"),
         (

@@ -26,11 +26,11 @@ from wil_campaign.foundation.processes.child import ChildProcess
 from wil_campaign.foundation.tasks import TaskAccount
 from wil_campaign.orchestrator.model.faults import Faults, fault_log
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.commands import AnchorAt, BringDown, NewFences, Operate
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_socket import POINTER
 from wil_campaign.safety.guard.process import guard_launch
 from wil_campaign.vehicles.errors import VehicleError
-from wil_campaign.vehicles.poses.anchor import Anchor
 
 Side = Literal["guard", "orchestrator"]
 _WIDE = Fence.box(north_m=(-9, 9), east_m=(-9, 9), up_m=(-1, 6))
@@ -158,9 +158,9 @@ async def _in_the_air(folder: Path, flight: RemoteFlight) -> None:
     """Use each way into the guard once."""
     for name in SYSTEMS:
         flight.place(name, 0.0)
-        flight.guard.anchor(name, Anchor((0.0, 0.0, 0.0)))
+        flight.guard.send(AnchorAt(name, (0.0, 0.0, 0.0), 0.0))
     flight.guard.follow()
-    flight.guard.change_fences(dict.fromkeys(SYSTEMS, _WIDE), "anna")
+    flight.guard.send(NewFences("anna", dict.fromkeys(SYSTEMS, _WIDE)))
     path = json.loads((folder / POINTER).read_text())["socket"]
     reader, writer = await asyncio.open_unix_connection(path)
     try:
@@ -170,9 +170,9 @@ async def _in_the_air(folder: Path, flight: RemoteFlight) -> None:
                 await reader.readline()
     finally:
         writer.close()
-    flight.guard.command(OperatorCommand("hold", "anna"))
+    flight.guard.send(Operate(OperatorCommand("hold", "anna")))
     await until(lambda: "operator" in flight.kinds() or bool(flight.kinds()))
-    flight.guard.bring_down("done")
+    flight.guard.send(BringDown("done"))
     await flight.guard.all_down(10.0)
 
 

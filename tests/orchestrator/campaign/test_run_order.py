@@ -6,11 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
 from tests.orchestrator.conftest import NoCommands
 from tests.orchestrator.hover import write_hover
 from tests.orchestrator.recording.test_run_video import record
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
 from wil_campaign.orchestrator.campaign.resuming.lost_runs import lost_result
 from wil_campaign.orchestrator.campaign.workers import run_order
@@ -168,3 +170,47 @@ def test_a_video_that_cannot_be_made_costs_no_result(
     result = fly_filmed(tmp_path, monkeypatch, verdict="FAIL", repetition=1, video="always")
     assert read_result(tmp_path / "out/result.json") == result
     assert capsys.readouterr().err == "mixed.mp4 was not made: MemoryError: a lot\n"
+
+
+def fly_recorded_also(folder: Path, monkeypatch: pytest.MonkeyPatch) -> RunResult:
+    """Fly an order whose recording is to be a bag, too."""
+    options = Options(repetitions=1, sets=("record={video: never, also: [ros2]}",))
+    plan = load_campaign(write_hover(folder), options).runs[0]
+    order = RunOrder(plan=plan, folder=folder / "out", clock="virtual")
+
+    def fly(*_: object) -> RunResult:
+        record(order.folder, perceived="/mixed/front")
+        return replace(lost_result(plan, WorkerLost("as it is"), folder), artifacts=("run.mcap",))
+
+    monkeypatch.setattr("wil_campaign.orchestrator.run.flight.run.fly", fly)
+    return run_order.fly_order(order, lambda _: None, NoCommands())
+
+
+def test_a_recording_is_written_in_a_form_of_other_tools_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = fly_recorded_also(tmp_path, monkeypatch)
+    assert result.artifacts == ("ros2.mcap", "run.mcap")
+    assert read_result(tmp_path / "out/result.json") == result
+    with (tmp_path / "out/ros2.mcap").open("rb") as stream:
+        assert make_reader(stream).get_header().profile == "ros2"
+
+
+def test_a_form_of_other_tools_that_cannot_be_written_costs_no_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: object) -> str:
+        raise OSError("the disk is full")
+
+    monkeypatch.setattr("wil_campaign.plugins.ros2.bags.bag_file_of_run.write", fail)
+    result = fly_recorded_also(tmp_path, monkeypatch)
+    assert result.artifacts == ("run.mcap",)
+    assert capsys.readouterr().err == (
+        "the recording as ros2 was not made: OSError: the disk is full\n"
+    )
+
+
+def test_a_form_that_nobody_writes_is_refused(tmp_path: Path) -> None:
+    options = Options(sets=("record.also=[ros1]",))
+    with pytest.raises(BadInput, match="ros2"):
+        load_campaign(write_hover(tmp_path), options)

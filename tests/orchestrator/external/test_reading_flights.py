@@ -1,20 +1,30 @@
 """Whole flights whose real sensors are what the vehicle itself sends by MAVLink; spoiled, too."""
 
+import asyncio
+import itertools
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
+import msgpack  # type: ignore[import-untyped]  # ships no types
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.orchestrator.flights import all_landed
 from tests.orchestrator.recording.ros2_bag import write_bag
+from wil_campaign.campaigns.values.external_setups import ReadingSourceSetup
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading, Recording
+from wil_campaign.plugins.readings import reading_sources
+from wil_campaign.plugins.readings.messagepack import BadMessageError
+from wil_campaign.plugins.readings.reading_message import PROTOCOL
 from wil_campaign.plugins.readings.topic_readings import TopicReadings
+from wil_campaign.plugins.readings.zmq_readings import ZmqReadings
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_core import Px4Core
 from wil_campaign.vehicles.readings import (
+    DepthReading,
     ImuReading,
     LidarScanReading,
     PoseReading,
@@ -283,3 +293,155 @@ def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
         opened(TopicReadings(path=path, kind="gps", topic=None))
     with pytest.raises(SourceError, match="check the path"):
         opened(TopicReadings(path=tmp_path / "none.mcap", kind="gps", topic="/real/gps"))
+
+
+WIDTH, HEIGHT = 64, 48
+DEPTH_KEYS = f"type: depth, rate_hz: 10, width_px: {WIDTH}, height_px: {HEIGHT}, fov_deg: 70"
+SIGHTED = '''\
+from wil_campaign.campaigns.autonomies.straight import StraightAutonomy
+
+
+class Sighted(StraightAutonomy):
+    """Flies ahead; fails where it was given no depth image."""
+
+    seen = 0
+
+    def perceive(self, reading):
+        self.seen += reading.sensor == "depth" and float(reading.depth_m.min()) <= 2.5
+
+    def act(self, telemetry):
+        command = super().act(telemetry)
+        if command.done and not self.seen:
+            raise RuntimeError("no depth was perceived")
+        return command
+'''
+
+
+def depth_flight(folder: Path, source: str) -> tuple[str, ...]:
+    """A depth camera of both vehicles, mixed by the lesser distance, for an autonomy."""
+    recipe, autonomy = folder / "recipe.yaml", folder / "sighted.py"
+    autonomy.write_text(SIGHTED)
+    recipe.write_text(
+        "schema: wil/recipe/1\nsensors: {depth: {type: depth}}\ncombine:\n"
+        "  - {sensor: depth, merge: {aggregate: {by: min}}, publish: [real, twin]}\n"
+    )
+    return (
+        f"vehicles.real.sensors={{depth: {{{DEPTH_KEYS}, source: {source}}}}}",
+        f"vehicles.twin.sensors={{depth: {{{DEPTH_KEYS}}}}}",
+        f"recipe={recipe}",
+        f"autonomy={{use: '{autonomy}:Sighted', with: {{speed_m_s: 0.8, for_s: 4}}}}",
+        *AHEAD[1:],
+    )
+
+
+def depth_bag(folder: Path, seconds: float = 90.0) -> Path:
+    """A bag of ROS 2 with depth images at 10 Hz: a wall 2.5 m ahead that comes a little nearer."""
+    values = np.full((HEIGHT, WIDTH), 2500, "<u2")
+    values[:10] = 0
+    images = []
+    for k in range(int(10 * seconds)):
+        values[20, 20] = 2500 - k
+        fields = {"height": HEIGHT, "width": WIDTH, "encoding": "16UC1", "is_bigendian": 0}
+        data = values.tobytes()
+        fields |= {"step": 2 * WIDTH, "data": data}
+        images.append(("/depth", "sensor_msgs/msg/Image", 100.0 + 0.1 * k, fields))
+    return write_bag(folder / "depth.mcap", images)
+
+
+def test_recorded_depth_is_mixed_perceived_recorded_and_read_back(
+    fly_run: Fly, tmp_path: Path
+) -> None:
+    sets = depth_flight(tmp_path, str(depth_bag(tmp_path)))
+    result, folder = fly_run(sets=sets, has_cameras=False)
+    assert result.verdict == "PASS", result.reason
+    assert all_landed(folder)
+    assert result.outside is not None
+    (source,) = result.outside.sources
+    assert (source.sensor, source.source, source.damaged) == ("depth", "file", 0)
+    there = [one for one in readings(folder) if isinstance(one, DepthReading)]
+    reals, mixtures = ([one for one in there if one.source == name] for name in ("real", "mixed"))
+    assert len(reals) > 50
+    assert len(mixtures) > 50
+    for real in reals:
+        assert real.rendered is False
+        assert real.depth_m[40, 40] == pytest.approx(2.5)
+        assert math.isinf(real.depth_m[0, 0])
+    assert all((one.depth_m <= 2.5 + 1e-6)[20:].all() for one in mixtures), "the lesser distance"
+    assert any((one.depth_m < 2.0).any() for one in mixtures), "of the twin's world as well"
+    # The recording is a source itself.
+    file = TopicReadings(
+        path=folder / "run.mcap", kind="depth", topic="/real/depth", camera=reals[0].intrinsics
+    )
+    file.open()
+    again: list[Any] = list(iter(file.next, None))
+    assert len(again) == len(reals)
+    assert all(np.array_equal(a.depth_m, b.depth_m) for a, b in zip(again, reals, strict=True))
+
+
+class FakeDepth(ZmqReadings):
+    """A program that publishes depth, in virtual time. spoil: changes a message."""
+
+    spoil: Callable[[dict[str, Any]], dict[str, Any] | None]
+
+    async def __aenter__(self) -> Self:
+        self._sending = asyncio.create_task(self._send())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._sending.cancel()
+
+    async def _send(self) -> None:
+        loop, values = asyncio.get_running_loop(), np.full((HEIGHT, WIDTH), 2.5, "<f4")
+        for seq in itertools.count():
+            values[20, 20] = 2.5 - 1e-4 * seq
+            camera = {"width_px": WIDTH, "height_px": HEIGHT}
+            head = {"protocol": PROTOCOL, "sensor": "depth", "type": "depth", "seq": seq}
+            now_s = loop.time()
+            given = {**head, "t_s": now_s, "camera": camera, "depth_m": values.tobytes()}
+            made = type(self).spoil(given)
+            if made is not None:
+                try:
+                    self.take(msgpack.packb(made), now_s)
+                except BadMessageError as error:
+                    self.refuse(str(error))
+            await asyncio.sleep(0.1)
+
+
+FLAT = np.full((HEIGHT, WIDTH), 2.5, "<f4")
+SIZE = {"width_px": HEIGHT, "height_px": WIDTH}
+DEPTH_SPOILED: dict[str, tuple[dict[str, Any] | None, str, str]] = {
+    "silent": (None, "INVALID", "no depth reading for 1 s"),
+    "frozen": ({"depth_m": FLAT.tobytes()}, "INVALID", "the sensor is frozen"),
+    "not a number": ({"depth_m": (FLAT * np.nan).tobytes()}, "INVALID", "values are not a number"),
+    "another size": ({"camera": SIZE}, "INVALID", "the depth image is 48x64"),
+    "millimetres from the start": ({"depth_m": (FLAT * 1000).tobytes()}, "ERROR", "unit is wrong"),
+    "another size from the start": ({"camera": SIZE}, "ERROR", "the depth image is 48x64"),
+}
+
+
+@pytest.mark.parametrize("what", DEPTH_SPOILED)
+def test_depth_that_is_spoiled_proves_nothing(
+    fly_run: Fly, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    changes, verdict, said = DEPTH_SPOILED[what]
+    flown = [0.0]
+    core = Px4Core.builders[mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION]
+
+    def build(s: Any) -> Any:
+        flown[0] = min(flown[0], s.now.position_ned_m[2])
+        return core(s)
+
+    def spoil_depth(given: dict[str, Any]) -> dict[str, Any] | None:
+        if flown[0] > -0.1 and "start" not in what:
+            return given
+        return None if changes is None else given | changes
+
+    monkeypatch.setitem(Px4Core.builders, mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, build)
+    monkeypatch.setattr(FakeDepth, "spoil", staticmethod(spoil_depth), raising=False)
+    monkeypatch.setattr(reading_sources, "ZmqReadings", FakeDepth)
+    monkeypatch.setattr(ReadingSourceSetup, "needs_wall_clock", property(lambda _: False))
+    sets = (*depth_flight(tmp_path, "tcp://127.0.0.1:5580"), "goal.altitude_m=1")
+    result, folder = fly_run(sets=sets, has_cameras=False)
+    assert result.verdict == verdict, result.reason
+    assert said in result.reason
+    assert all_landed(folder) or verdict == "ERROR"

@@ -21,6 +21,8 @@ _PARTS = {
     "uint32 count",
 }
 _TYPES = {
+    "sensor_msgs/msg/Image": "uint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\n"
+    "uint32 step\nuint8[] data",
     "sensor_msgs/msg/Range": "uint8 radiation_type\nfloat32 field_of_view\nfloat32 min_range\n"
     "float32 max_range\nfloat32 range\nfloat32 variance",
     "sensor_msgs/msg/LaserScan": "float32 angle_min\nfloat32 angle_max\nfloat32 angle_increment\n"

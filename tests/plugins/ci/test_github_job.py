@@ -130,6 +130,15 @@ def test_the_summary_of_many_failed_runs_is_short(gate: Campaign, tmp_path: Path
     assert "Pictures" not in text  # there is no report
 
 
+def test_the_heading_of_a_summary_points_below(gate: Campaign, tmp_path: Path) -> None:
+    unmet = tuple(f"the control number {k} ended as something else: why" for k in range(9))
+    text = summary_markdown(gate, replace(flown(gate, "P"), unmet=unmet), tmp_path)
+    heading, _, rest = text.partition("\n")
+    assert "more below" in heading
+    assert "above" not in heading
+    assert "the control number 8" in rest
+
+
 def test_a_summary_that_cannot_be_written_costs_nothing(
     gate: Campaign, job: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:

@@ -34,7 +34,7 @@ class Console:
         self.hub = ConsoleHub(about={"mode": "live"}, access=self.access)
         self.sender = CommandSender(FlightScope())
         self.origin = f"http://127.0.0.1:{port}"
-        server = ConsoleServer(
+        self.pages = server = ConsoleServer(
             access=self.access,
             rules=RequestRules.of(ConsoleAddress("127.0.0.1", port), tls=False),
             hub=self.hub,

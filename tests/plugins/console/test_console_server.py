@@ -17,9 +17,11 @@ from wil_campaign.orchestrator.live_feed.feed_messages import (
     RunView,
     VehicleView,
 )
+from wil_campaign.plugins.console.console_access import Role
 from wil_campaign.plugins.console.console_address import ConsoleAddress, ConsoleError, require_safe
 from wil_campaign.plugins.console.console_server import POLICY
 from wil_campaign.plugins.console.page_commands import MAX_BODY_BYTES
+from wil_campaign.plugins.console.playback import Playback
 
 FLOOD = 10_000
 BURST = 100
@@ -120,6 +122,22 @@ async def test_a_request_that_is_no_command_is_refused(
     done = await console.post(client, "/command", body)
     assert (done.status, (await done.json())["ok"]) == (status, False)
     assert console.commands() == []
+
+
+async def test_runs_in_flight_cannot_be_paused(console: Console) -> None:
+    roles: tuple[Role, ...] = ("operator", "viewer")
+    for role in roles:
+        done = await console.post(await console.client(role), "/playback", {"paused": True})
+        assert (done.status, "in flight" in (await done.json())["text"]) == (403, True)
+
+
+@pytest.mark.parametrize(("role", "status"), [("operator", 200), ("viewer", 403)])
+async def test_an_operator_alone_pauses_a_finished_run(
+    console: Console, role: Role, status: int
+) -> None:
+    playback = console.pages.playback = Playback(time=lambda: 0.0)
+    done = await console.post(await console.client(role), "/playback", {"paused": True})
+    assert (done.status, playback.state()["paused"]) == (status, status == 200)
 
 
 @pytest.mark.parametrize("body", [b"{}", b'{"role": "admin"}', b'{"role": ["viewer"]}'])

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from aiohttp.test_utils import TestServer
 
+from tests.orchestrator.report import recorded_campaign
 from tests.orchestrator.report.browser import Page, browser, chromium
 from tests.orchestrator.report.recorded_campaign import write_campaign
 from tests.ports import free_port
@@ -22,10 +23,17 @@ from wil_campaign.plugins.console.console_address import ConsoleAddress, Request
 from wil_campaign.plugins.console.console_hub import ConsoleHub
 from wil_campaign.plugins.console.console_server import ConsoleServer
 from wil_campaign.plugins.console.page_commands import CommandSender
+from wil_campaign.plugins.console.playback import Playback
 from wil_campaign.plugins.console.recorded_run import RecordedRun
 
 PATIENCE_S = 60.0
-ARE_OLD = "document.querySelectorAll('.camera.stale').length === 4"
+PAUSE = "document.getElementById('playback-pause').textContent"
+TIME = "document.getElementById('playback-time').textContent"
+LAST = f"{TIME}.split(' of ')[1].replace(' s', '')"
+TO_ITS_END = (
+    "(() => { const line = document.getElementById('playback-line'); line.value = line.max;"
+    "line.dispatchEvent(new Event('change')); })()"
+)
 JOIN = "document.querySelector('#join-form button').click()"
 NOTE = "document.getElementById('space-note').textContent"
 LOSE = "document.getElementById('space').getContext('webgl2').getExtension('WEBGL_lose_context')"
@@ -37,6 +45,12 @@ LEAST_PX = 25
 def seen(image: Any, rgb: tuple[int, int, int], within: int = 40) -> int:
     """Return how many pixels have about this colour."""
     return int((np.abs(image.astype(int) - rgb[::-1]).max(axis=2) < within).sum())
+
+
+def width_of(image: Any, rgb: tuple[int, int, int]) -> float:
+    """Return how much of the image's width what has about this colour takes."""
+    columns = (np.abs(image.astype(int) - rgb[::-1]).max(axis=2) < 40).any(axis=0).nonzero()[0]
+    return float(np.ptp(columns)) / image.shape[1] if len(columns) else 0.0
 
 
 def space_image(page: Page, path: Path) -> Any:
@@ -59,18 +73,21 @@ async def serve_and_look(folder: Path, look: Callable[[str], None]) -> None:
     port = free_port()
     hub = ConsoleHub(about={"mode": "recorded"}, access=access)
     sender = CommandSender(FlightScope())
+    time = asyncio.get_running_loop().time
+    playback = Playback(2.0, time=time, show=hub.show_playback)
     server = ConsoleServer(
         access=access,
         rules=RequestRules.of(ConsoleAddress("127.0.0.1", port), tls=False),
         hub=hub,
         sender=sender,
         cookie="session",
-        time=asyncio.get_running_loop().time,
+        time=time,
+        playback=playback,
     )
-    playing = asyncio.create_task(RecordedRun(folder, speed=2.0).play(hub.take))
+    playing = asyncio.create_task(RecordedRun(folder, playback).play(hub.take))
     try:
         async with TestServer(server.application(), port=port):
-            link = f"http://127.0.0.1:{port}/#{access.invite('viewer')}"
+            link = f"http://127.0.0.1:{port}/#{access.invite('operator')}"
             await asyncio.to_thread(look, link)
     finally:
         playing.cancel()
@@ -92,7 +109,12 @@ def wait_until(page: Page, holds: Callable[[], bool]) -> None:
 
 
 @pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
-async def test_the_view_in_space_shows_vehicles_fence_and_gate_and_turns(tmp_path: Path) -> None:
+async def test_the_view_in_space_shows_vehicles_fence_and_gate_and_turns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From everywhere, and as the campaign's observer, who looks north at the gate from near it."""
+    observer = {"north_m": 0.9, "east_m": 0.0, "up_m": 1.2, "yaw_deg": 0.0}
+    monkeypatch.setitem(recorded_campaign.CAMPAIGN, "observer", observer)
     folder = write_campaign(tmp_path / "gate") / "large" / "wil" / "1"
     shot = tmp_path / "shot.png"
 
@@ -109,17 +131,28 @@ async def test_the_view_in_space_shows_vehicles_fence_and_gate_and_turns(tmp_pat
             wait_until(page, is_drawn)
             assert page.value(NOTE) == ""
             before = seen(space_image(page, shot), ORANGE)
-            # Between two rounds of the run nothing comes: all images are old, the overlay too.
-            wait_until(page, lambda: page.value(ARE_OLD))
+            # Paused, the run stands still at the time that is chosen.
+            page.value("document.getElementById('playback-pause').click()")
+            wait_until(page, lambda: page.value(PAUSE) == "Play")
+            page.value(TO_ITS_END)
+            wait_until(page, lambda: page.value(TIME).split(" of ")[0] == page.value(LAST))
+            marks = "document.getElementById('playback-marks').childElementCount > 0"
+            wait_until(page, lambda: page.value(marks))
             page.value("document.getElementById('space').focus()")
             for _ in range(8):
                 page.press("ArrowRight")
             # Seen from beside, a gate is narrower.
             wait_until(page, lambda: 0 < seen(space_image(page, shot), ORANGE) < 0.8 * before)
+            # Its frame of 1.2 m, 1.1 m away, is as wide as 80 % of the view.
+            page.value("document.getElementById('space-observer').click()")
+            wait_until(page, lambda: width_of(space_image(page, shot), ORANGE) > 0.6)
+            page.value("document.getElementById('space-reset').click()")
+            wait_until(page, lambda: 0 < width_of(space_image(page, shot), ORANGE) < 0.5)
             assert page.errors == []
             assert [
                 one for one in page.requests if not one.startswith(link.partition("#")[0])
             ] == []
+            page.value("document.getElementById('playback-pause').click()")
             page.value(f"(window.lost = {LOSE}).loseContext()")
             wait_until(page, lambda: "STOPPED" in page.value(NOTE))
             page.value("window.lost.restoreContext()")

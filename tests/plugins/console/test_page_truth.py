@@ -235,6 +235,21 @@ async def test_margins_are_in_the_first_screen_and_the_dialog_covers_no_abort(
     await look(console, seen)
 
 
+async def test_the_next_run_is_announced_until_the_last(console: Console) -> None:
+    def seen(feed: FakeFeed) -> None:
+        planned = ["large/wil/1", "large/wil/2"]
+        feed.keep(view("large/wil/1"))
+        feed.status(planned=planned, flying={"large/wil/1": {"stage": "goal"}})
+        wait_until(feed.page, text("next"), "next: large/wil/2")
+        feed.status(planned=planned, finished={"large/wil/1": "PASS"})
+        wait_until(feed.page, text("next"), "next: large/wil/2")
+        flying = {"large/wil/2": {"stage": "start"}}
+        feed.status(planned=planned, finished={"large/wil/1": "PASS"}, flying=flying)
+        wait_until(feed.page, text("next"), "the last run")
+
+    await look(console, seen)
+
+
 @pytest.mark.parametrize("width_px", [1440, 900, 390])
 async def test_abort_never_moves(console: Console, width_px: int) -> None:
     def seen(feed: FakeFeed) -> None:

@@ -2,7 +2,9 @@
 
 import asyncio
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,6 +18,8 @@ from wil_campaign.orchestrator.live_feed.feed_messages import (
     RunView,
 )
 from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.plugins.console.console_access import AccessError
+from wil_campaign.plugins.console.playback import Playback
 from wil_campaign.plugins.console.recorded_run import RecordedRun
 from wil_campaign.plugins.console.scene_document import RunScene
 
@@ -32,7 +36,8 @@ async def played(folder: Path) -> list[FeedMessage]:
         if begins_again or (isinstance(message, RunView) and message.verdict_so_far):
             is_over.set()
 
-    playing = asyncio.create_task(RecordedRun(folder, speed=100.0).play(take))
+    playback = Playback(100.0, time=asyncio.get_running_loop().time)
+    playing = asyncio.create_task(RecordedRun(folder, playback).play(take))
     over = asyncio.create_task(is_over.wait())
     await asyncio.wait({playing, over}, return_when=asyncio.FIRST_COMPLETED)
     over.cancel()
@@ -64,6 +69,68 @@ async def test_a_finished_run_is_played_as_it_was_flown(tmp_path: Path) -> None:
     (gate,) = RunScene.of("/r", facts).document["objects"]
     assert (gate["name"], gate["is_virtual"], gate["moves"]) == ("gate", True, False)
     assert max(max(face) for face in gate["faces"]) < len(gate["vertices_m"])
+
+
+async def test_a_paused_run_jumps_to_another_time_at_once_with_its_trails(tmp_path: Path) -> None:
+    folder = write_campaign(tmp_path / "gate") / "large" / "wil" / "1"
+    views: list[RunView] = []
+    said: list[tuple[str, Mapping[str, Any]]] = []
+    has_view = asyncio.Event()
+
+    async def take(message: FeedMessage) -> None:
+        if isinstance(message, RunView):
+            views.append(message)
+            has_view.set()
+
+    playback = Playback(
+        time=asyncio.get_running_loop().time, show=lambda kind, one: said.append((kind, one))
+    )
+    playing = asyncio.create_task(RecordedRun(folder, playback).play(take))
+    await has_view.wait()
+    playback.change({"paused": True, "t_s": GOAL_S + 1.0})
+    has_view.clear()
+    await has_view.wait()
+    playing.cancel()
+    await asyncio.wait({playing})
+    assert views[-1].t_s == pytest.approx(GOAL_S + 1.0, abs=0.11)
+    assert len(views) < 5, "nothing between is played"
+    past = next(one for kind, one in said if kind == "past")
+    assert past["trails"]["real"]
+    (margins, before) = (views[-1].margins, views[0].margins)
+    assert {one.name for one in before} == {one.name for one in margins}
+    assert all(one.actual is None for one in before), "nothing is known at the start"
+
+
+def test_playback_keeps_its_time_over_changes_of_pause_and_speed() -> None:
+    now = [0.0]
+    playback = Playback(2.0, time=lambda: now[0])
+    playback.begin(10.0, 30.0)
+    now[0] = 3.0
+    assert playback.t_s == 16.0
+    playback.change({"paused": True})
+    now[0] = 50.0
+    assert playback.t_s == 16.0
+    playback.change({"paused": False, "speed": 0.5})
+    now[0] = 52.0
+    assert playback.t_s == 17.0
+    playback.change({"t_s": 99})
+    assert playback.state() == {
+        "paused": False,
+        "speed": 0.5,
+        "t_s": 30.0,
+        "first_s": 10.0,
+        "last_s": 30.0,
+    }
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [{}, [], {"at": 1}, {"paused": 1}, {"speed": 0}, {"speed": True}, {"t_s": float("nan")}],
+)
+def test_a_playback_command_that_cannot_be_obeyed_is_refused(wanted: object) -> None:
+    playback = Playback(time=lambda: 0.0)
+    with pytest.raises(AccessError):
+        playback.change(wanted)
 
 
 @pytest.mark.parametrize(

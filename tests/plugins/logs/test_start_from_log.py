@@ -152,6 +152,7 @@ def test_a_campaign_of_a_log_validates(tmp_path: Path, capsys: Capture) -> None:
     profile = yaml.safe_load((place / "profile.yaml").read_text())
     assert profile["battery"]["full_v"] == 16.8
     assert profile["battery"]["hover_current_a"] == 15.0
+    assert profile["airframe"]["mass_kg"] == 0.5, "a log does not tell it"
 
 
 def test_the_log_of_a_run_is_flown_again(fly_run: Fly, tmp_path: Path) -> None:
@@ -220,8 +221,6 @@ def test_the_longest_of_several_flights_is_flown() -> None:
     assert course_of(LoggedFlight(kind="", track=track[:2])) is None
 
 
-def test_a_profile_needs_a_log(tmp_path: Path, capsys: Capture) -> None:
-    assert main(["init", "again", "--in", str(tmp_path), "--profile"]) == 2
-    assert "give --from LOG" in capsys.readouterr().err
+def test_a_log_that_is_not_there_is_refused(tmp_path: Path, capsys: Capture) -> None:
     assert main(["init", "again", "--in", str(tmp_path), "--from", str(tmp_path / "no")]) == 2
     assert "No such file" in capsys.readouterr().err

@@ -7,9 +7,13 @@ import msgpack  # type: ignore[import-untyped]  # ships no types
 import zmq
 
 from wil_campaign.plugins.readings.reading_message import PROTOCOL
+from wil_campaign.worlds.camera import Intrinsics
 
 REACH = {"range_min_m": 0.1, "range_max_m": 12.0}
+LENS = Intrinsics.from_fov(3, 2, 1.2)
+"""Of the depth camera whose messages these are."""
 ALL: dict[str, dict[str, Any]] = {
+    "depth": {"camera": {"width_px": 3, "height_px": 2}, "depth_m": [1, 2, 3, None, 5, 6.5]},
     "rangefinder": {"range_m": 1.5, **REACH},
     "lidar": {"ranges_m": [1.0, None, 2.5], "start_angle_rad": -1.0, "step_rad": 1.0, **REACH},
     "lidar_points": {"points_frd_m": [1, 0, 0, 0, 2.5, 0]},

@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 
 from tests.orchestrator.recording.ros2_bag import vector, write_bag
 from wil_campaign.plugins.readings.ros2_messages import ROS2_TYPES
 from wil_campaign.plugins.readings.topic_readings import TopicReadings
 from wil_campaign.vehicles.readings import (
+    DepthReading,
     GpsReading,
     ImuReading,
     LidarPointsReading,
@@ -24,6 +26,7 @@ from wil_campaign.vehicles.readings import (
 )
 from wil_campaign.vehicles.readings.checks import fault_after, fault_of
 from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, euler_from_quat, quat_from_euler
 
 AT_S = 1_795_000_000.25
@@ -124,6 +127,86 @@ def test_a_range_message_becomes_a_reading(tmp_path: Path, said: float, meant: f
     assert isinstance(found, RangefinderReading)
     assert (found.range_m, found.range_min_m, found.range_max_m) == (meant, 0.25, 8.0)
     assert found.mount == NOSE
+
+
+LENS = Intrinsics.from_fov(3, 2, 1.2)
+SEEN_M = np.array([[1.0, 2.0, 3.0], [math.inf, 5.0, 65.535]], np.float32)
+
+
+def depth_image(encoding: str = "16UC1", *, order: str = "<", **changes: Any) -> dict[str, Any]:
+    """An image of SEEN_M, whose rows are padded by a byte."""
+    seen = np.nan_to_num(SEEN_M, posinf=0.0)
+    values = (seen * 1000).round() if encoding == "16UC1" else np.where(seen, seen, np.nan)
+    rows = values.astype(f"{order}u2" if encoding == "16UC1" else f"{order}f4")
+    data = b"".join(row.tobytes() + b"!" for row in rows)
+    return {
+        "height": 2,
+        "width": 3,
+        "encoding": encoding,
+        "is_bigendian": int(order == ">"),
+        "step": len(data) // 2,
+        "data": data,
+        **changes,
+    }
+
+
+def read_depth(path: Path, **more: Any) -> list[Any]:
+    file = TopicReadings(path=path, kind="depth", camera=LENS, **more)
+    file.open()
+    return list(iter(file.next, None))
+
+
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
+def test_depth_images_are_in_millimetres_or_metres(
+    tmp_path: Path, encoding: str, order: str
+) -> None:
+    fields = depth_image(encoding, order=order)
+    bag = write_bag(tmp_path / "bag.mcap", [("/it", "sensor_msgs/msg/Image", AT_S, fields)])
+    (found,) = read_depth(bag)
+    assert found.depth_m == pytest.approx(SEEN_M)
+    assert (found.intrinsics, found.rendered, fault_of(found)) == (LENS, False, None)
+
+
+def test_a_depth_image_of_ros_1_is_read_without_the_extra(tmp_path: Path) -> None:
+    image, path = depth_image(), tmp_path / "bag.mcap"
+    body = struct.pack("<IIII6sII", 7, 100, 500_000_000, 6, b"camera", 2, 3)
+    body += struct.pack("<I5sBII", 5, b"16UC1", 0, image["step"], len(image["data"]))
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("sensor_msgs/Image", "ros1msg", b"")
+        topic = writer.register_channel("/it", "ros1", schema)
+        for data in (body + image["data"], body):
+            writer.add_message(topic, log_time=100_510_000_000, data=data, publish_time=0)
+        writer.finish()  # type: ignore[no-untyped-call]
+    file = TopicReadings(path=path, kind="depth", camera=LENS)
+    file.open()
+    found = file.next()
+    assert isinstance(found, DepthReading)
+    assert found.depth_m == pytest.approx(SEEN_M)
+    assert (found.t_s, found.arrived_s) == pytest.approx((100.5, 100.51))
+    with pytest.raises(SourceError, match="14 bytes too early"):
+        file.next()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"encoding": "rgb8"}, "'rgb8': depth is 16UC1"),
+        ({"width": 2}, "is 2x2, and the sensor of the campaign has 3x2"),
+        ({"data": b"12345"}, "it has 5 bytes, in 2 rows of 7"),
+        ({"step": 5, "data": b"1234567890"}, "in 2 rows of 5"),
+        ({"encoding": "32FC1", "step": 12, "data": b"\xff" * 24}, "all of its distances are NaN"),
+    ],
+)
+def test_an_image_that_is_no_depth_of_this_camera_is_refused(
+    tmp_path: Path, changes: dict[str, Any], said: str
+) -> None:
+    fields = depth_image(**changes)
+    bag = write_bag(tmp_path / "bag.mcap", [("/it", "sensor_msgs/msg/Image", AT_S, fields)])
+    with pytest.raises(SourceError, match=said):
+        read_depth(bag)
 
 
 def test_a_scan_counts_to_the_right(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from wil_campaign.plugins.readings.reading_message import (
     read_reading,
 )
 from wil_campaign.plugins.readings.written_reading import written_reading
-from wil_campaign.vehicles.readings import MicrophoneReading, Reading, sensor_type_of
+from wil_campaign.vehicles.readings import DepthReading, MicrophoneReading, Reading, sensor_type_of
 from wil_campaign.worlds.frames import Pose
 
 SOUND = MicrophoneReading(1.0, 1.0, 3, "twin", np.arange(-4, 4, dtype=np.int16), 16_000, 20.0)
@@ -64,3 +64,7 @@ def test_a_depth_image_has_its_camera() -> None:
     values = header.array("depth_m", np.dtype("<f4"), most=100).reshape(size)
     assert np.array_equal(values, reading.depth_m)
     assert camera.number("fx_px") == reading.intrinsics.fx_px
+    when = Sampled(1.0, 1.0, "twin", Pose((0, 0, 0)), reading.intrinsics)
+    back = read_reading(header, "depth", when)
+    assert isinstance(back, DepthReading)
+    assert np.array_equal(back.depth_m, reading.depth_m)

@@ -10,7 +10,7 @@ import msgpack  # type: ignore[import-untyped]  # ships no types
 import numpy as np
 import pytest
 
-from tests.plugins.readings.publisher import ALL, Publisher, message, publishing
+from tests.plugins.readings.publisher import ALL, LENS, Publisher, message, publishing
 from tests.vehicles.readings.thermometer import ThermometerReading
 from wil_campaign.campaigns.schema.sensors import sensor_parts
 from wil_campaign.campaigns.schema.sources import SourcedPart
@@ -24,6 +24,7 @@ from wil_campaign.plugins.readings.reading_message import (
 )
 from wil_campaign.plugins.readings.zmq_readings import ZmqReadings
 from wil_campaign.vehicles.readings import (
+    DepthReading,
     LidarPointsReading,
     LidarScanReading,
     MicrophoneReading,
@@ -36,7 +37,7 @@ from wil_campaign.vehicles.sources.camera_source import SourceError, SourceStall
 from wil_campaign.vehicles.sources.readings.live_readings import OLDEST_S
 from wil_campaign.worlds.frames import AT_ORIGIN
 
-WHEN = Sampled(10.0, 10.01, "real", AT_ORIGIN)
+WHEN = Sampled(10.0, 10.01, "real", AT_ORIGIN, LENS)
 SOURCED = sorted(
     get_args(part.model_fields["type"].annotation)[0]
     for part in sensor_parts()
@@ -86,6 +87,14 @@ def test_arrays_may_be_bytes() -> None:
     sound = read(msgpack.packb(message("microphone", samples=b"\x00\x80\xff\x7f")))
     assert isinstance(sound, MicrophoneReading)
     assert sound.samples.tolist() == [-32768, 32767]
+    millimetres = np.array([1000, 2000, 3000, 0, 5000, 65535], "<u2")
+    others: tuple[dict[str, Any], ...] = ({}, {"depth_mm": millimetres.tobytes()})
+    for sent in others:
+        image = read(msgpack.packb(message("depth", **sent)))
+        assert isinstance(image, DepthReading)
+        assert (image.intrinsics, image.rendered, image.camera_pose) == (LENS, False, None)
+        last_m = 65.535 if sent else 6.5
+        assert image.depth_m == pytest.approx(np.array([[1, 2, 3], [math.inf, 5, last_m]]))
     nothing = read(json.dumps(message("rangefinder", range_m=None)).encode())
     assert isinstance(nothing, RangefinderReading)
     assert math.isinf(nothing.range_m)
@@ -103,6 +112,16 @@ def test_arrays_may_be_bytes() -> None:
         ("lidar", {"ranges_m": [1.0, math.nan]}, "ranges_m"),
         ("lidar", {"ranges_m": [1.0] * 100_001}, "at most 100000"),
         ("lidar_points", {"points_frd_m": [1.0, 2.0]}, "three for each point"),
+        ("depth", {"depth_m": [1.0] * 5}, "5 numbers, not 3x2"),
+        ("depth", {"depth_m": [1.0, math.nan] * 3}, "depth_m"),
+        ("depth", {"depth_mm": [1, 2, 3, 4, 5, -6]}, "whole numbers"),
+        ("depth", {"camera": {"width_px": 2, "height_px": 3}}, "is 2x3, and the sensor .* 3x2"),
+        (
+            "depth",
+            {"camera": {"width_px": 3, "height_px": 2, "fx_px": 3.0}},
+            "focal length is 3 px",
+        ),
+        ("depth", {"camera": None}, "not a map"),
         ("microphone", {"samples": [40_000]}, "whole numbers"),
         ("microphone", {"samples": [0.5]}, "whole numbers"),
         ("rangefinder", {"seq": -1}, "whole number"),

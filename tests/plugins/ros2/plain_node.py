@@ -11,11 +11,13 @@ import struct
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zenoh
-from rosbags.typesys import Stores, get_typestore
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 IMAGE = "sensor_msgs/msg/Image"
@@ -196,13 +198,70 @@ class StraightFlight:
         self.publish(twist(message.header.stamp, self.speed, 0.0, 0.0))
 
 
+class OffboardFlight:
+    """Climbs to a height, as PX4's example offboard_control does, and lands. folder: of px4_msgs.
+
+    It sends its modes and commands whether or not the vehicle is ready, and a setpoint with each
+    odometry, so that time can wait for it.
+    """
+
+    UP_M = 2.0
+
+    def __init__(self, node: Node, folder: Path) -> None:
+        for file in (folder / "msg").glob("*.msg"):
+            name = f"px4_msgs/msg/{file.stem}"
+            STORE.register(get_types_from_msg(file.read_text("utf-8"), name))
+        kinds = ("OffboardControlMode", "TrajectorySetpoint", "VehicleCommand")
+        topics = ("offboard_control_mode", "trajectory_setpoint", "vehicle_command")
+        self.publishers = {
+            kind: node.publisher(f"/fmu/in/{topic}", f"px4_msgs/msg/{kind}")
+            for kind, topic in zip(kinds, topics, strict=True)
+        }
+        self.count, self.nav_state, self.acknowledged = 0, 0, [0]
+        self.done = False
+        out = "/fmu/out/vehicle"
+        node.subscribe(f"{out}_status_v1", "px4_msgs/msg/VehicleStatus", self.status)
+        node.subscribe(f"{out}_odometry", "px4_msgs/msg/VehicleOdometry", self.odometry)
+        node.subscribe(f"{out}_command_ack", "px4_msgs/msg/VehicleCommandAck", self.acknowledge)
+
+    def publish(self, kind: str, **fields: object) -> None:
+        name = f"px4_msgs/msg/{kind}"
+        values = {
+            field: np.full(3, np.nan, np.float32) if type_[0] == Nodetype.ARRAY else 0
+            for field, type_ in STORE.fielddefs[name][1]
+        }
+        self.publishers[kind](of(name, *{**values, **fields}.values()))
+
+    def status(self, message: Any) -> None:
+        self.nav_state = message.nav_state
+
+    def acknowledge(self, message: Any) -> None:
+        self.acknowledged.append(message.command)
+
+    def odometry(self, message: Any) -> None:
+        self.count += 1
+        self.publish("OffboardControlMode", position=True)
+        if self.count == 10:
+            self.publish("VehicleCommand", command=176, param1=1.0, param2=6.0)
+            self.publish("VehicleCommand", command=400, param1=1.0)
+        is_there = self.nav_state == 14 and message.position[2] < 0.02 - self.UP_M
+        if is_there and not self.done:
+            self.publish("VehicleCommand", command=21)
+            self.done = True
+        place = np.array([0.0, 0.0, -self.UP_M], np.float32)
+        stamp_us = message.timestamp
+        self.publish("TrajectorySetpoint", timestamp=stamp_us, position=place, yaw=np.nan)
+
+
 def main(behaviour: str) -> int:
     if behaviour == "dead":
         sys.exit("the node has no model")
     node = Node()
     if behaviour == "deaf":
         node.subscribe("/clock", "rosgraph_msgs/msg/Clock", lambda _: None)
-        node.spin(lambda: False)
+        old = f"@ros2_lv/{DOMAIN}/1/0/1/MS/%/%/old/%odom/nav_msgs::msg::dds_::Odometry_"
+        token = node.session.liveliness().declare_token(f"{old}/RIHS01_0/::,:,:,:,,")
+        node.spin(lambda: token is None)
     if behaviour in {"straight", "crash", "looks", "mavros"}:
         names = MAVROS if behaviour == "mavros" else ("/cmd_vel", "/odom")
         is_crash, is_look = behaviour == "crash", behaviour == "looks"
@@ -210,6 +269,10 @@ def main(behaviour: str) -> int:
         node.spin(lambda: straight.done)
         sys.stdout.write(f"flew to {os.environ['WIL_GOAL']} as {os.environ['WIL_VEHICLE']}\n")
         return 0
+    if behaviour == "px4":
+        offboard = OffboardFlight(node, Path(sys.argv[2]))
+        node.spin(lambda: False)  # its command ends the flight, and the run this process
+        return offboard.count
     if behaviour == "pictures":
         pictures = PictureFlight(node)
         node.spin(lambda: pictures.done)

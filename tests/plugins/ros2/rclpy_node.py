@@ -7,7 +7,7 @@ import rclpy
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
@@ -45,7 +45,18 @@ def call(node: Node, name: str) -> Trigger.Response:
     return answer.result()
 
 
+def mismatched() -> Node:
+    """Return a node whose subscriptions get nothing of the run's: one by type, one by quality."""
+    node = rclpy.create_node("mismatched")
+    node.create_subscription(TwistStamped, "/pose", lambda _: None, qos_profile_sensor_data)
+    late = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    node.create_subscription(Odometry, "/odom", lambda _: None, late)
+    return node
+
+
 rclpy.init()
+if "mismatched" in sys.argv:
+    rclpy.spin(mismatched())  # the run ends this process
 node = Ahead()
 goal = ""
 while not node.done:

@@ -58,6 +58,9 @@ class FakeWire:
         self.answer(name, cdr)
         return self.takes_messages
 
+    def mismatches(self) -> list[str]:
+        return []
+
     def trouble(self) -> str:
         return ""
 

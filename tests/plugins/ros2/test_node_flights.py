@@ -1,5 +1,6 @@
 """Nodes in processes of their own that fly in virtual time, over zenoh: time waits for them."""
 
+import csv
 import json
 import re
 import sys
@@ -13,6 +14,7 @@ from rosbags.rosbag2 import Reader
 from tests.orchestrator.conftest import Fly
 from tests.orchestrator.flights import all_landed, log_of
 from tests.plugins.ros2.plain_node import IMAGE, STORE, Node, PictureFlight
+from tests.plugins.ros2.px4.definitions import write_definitions
 from tests.test_house import ROOT
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.model.results import RunResult
@@ -117,6 +119,26 @@ def test_a_node_with_the_topics_of_mavros_flies_by_the_map_of_the_page(fly_run: 
     assert counts(result)["/mavros/setpoint_velocity/cmd_vel"][1] > 20
 
 
+def test_a_node_of_px4_msgs_arms_climbs_and_lands_by_its_commands(
+    fly_run: Fly, tmp_path: Path
+) -> None:
+    folder = write_definitions(tmp_path)
+    command = f"[{sys.executable}, {NODE}, px4, {folder}]"
+    barrier = "{topics: [/fmu/out/vehicle_odometry], timeout_s: 25}"
+    ros2 = f"{{command: {command}, barrier: {barrier}, px4_msgs: {folder}, start_s: 300}}"
+    sets = (f"autonomy={{ros2: {ros2}}}", STRAIGHT)
+    result, run_folder = fly_run(mode="sim", sets=sets, has_cameras=False)
+    assert result.verdict == "PASS", result.reason
+    found = counts(result)
+    assert found["/fmu/in/vehicle_command"] == (3, 3)
+    assert found["/fmu/out/vehicle_command_ack"] == (3, 3)
+    assert found["/fmu/out/vehicle_status_v1"][1] > 5
+    assert found["/fmu/in/trajectory_setpoint"][1] > 20
+    rows = (run_folder / "trajectory.csv").read_text("utf-8").splitlines()
+    down = [float(one["est_down_m"]) for one in csv.DictReader(rows) if one["est_down_m"]]
+    assert -2.2 < min(down) < -1.9
+
+
 def test_a_node_that_ends_at_once_is_named_before_anything_arms(fly_run: Fly) -> None:
     result, folder = fly_run(mode="sim", sets=(node("dead", "/odom"),))
     assert result.verdict == "FAIL"
@@ -129,6 +151,8 @@ def test_a_node_that_never_subscribes_is_named_before_anything_arms(fly_run: Fly
     result, folder = fly_run(mode="sim", sets=(node("deaf", "/odom", start_s=1),))
     assert result.verdict == "ERROR"
     assert "is a node that has not subscribed to /odom within 1 s" in result.reason
+    named = "the node old subscribes to /odom with nav_msgs/msg/Odometry of another ROS, whose hash"
+    assert f"{named} is RIHS01_0 and not RIHS01_" in result.reason
     assert not any(line.get("stage") == "takeoff" for line in log_of(folder))
 
 

@@ -63,3 +63,17 @@ async def test_a_node_of_rclpy_aborts_by_a_service(tmp_path: Path) -> None:
     code, why, _, _ = await fly(tmp_path, ros2)
     assert code == 4, why
     assert "asked for an abort: by the service /wil/abort" in why
+
+
+@pytest.mark.skipif(shutil.which(PYTHON) is None, reason="WIL_TEST_RCLPY names no Python")
+async def test_subscriptions_of_rclpy_that_do_not_match_are_named(tmp_path: Path) -> None:
+    command = json.dumps(["env", "-u", "PYTHONPATH", PYTHON, str(RCLPY_NODE), "mismatched"])
+    ros2 = f"{{command: {command}, wire: rclpy, python: {PYTHON}, start_s: 20}}"
+    sets = ("--set", f"autonomy={{ros2: {ros2}}}", "--set", "controls={}")
+    async with Program(tmp_path / "out", "--mode", "sim", "--json", *sets) as program:
+        landed = await program.end()
+    assert landed.code == 3, landed.why
+    named = "subscribes to /pose with geometry_msgs/msg/TwistStamped, not geometry_msgs/msg/Pose"
+    assert f"the node mismatched {named}" in landed.why
+    assert "subscribes to /odom with another quality of service: ERROR: Best" not in landed.why
+    assert "subscribes to /odom with another quality of service: " in landed.why

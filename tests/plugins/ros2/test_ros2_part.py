@@ -6,11 +6,13 @@ from typing import Any
 import pytest
 
 from tests.orchestrator.hover import write_hover
+from tests.plugins.ros2.px4.definitions import write_definitions
 from wil_campaign.campaigns.expansion.expansion import load_campaign
 from wil_campaign.campaigns.schema import campaign_model
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.cli.clock_choice import clock_for, shared_of
 from wil_campaign.plugins.ros2.domains import claimed_domain
+from wil_campaign.plugins.ros2.rclpy_wire import open_rclpy
 from wil_campaign.plugins.ros2.ros2_part import Ros2Part
 from wil_campaign.plugins.ros2.wire import WireError
 
@@ -51,12 +53,17 @@ def node_file(tmp_path: Path, text: str) -> Path:
             "nothing is published on '/lidar/scan'",
         ),
         ("{command: [sh], topics: {/odom: null}, needs: [/odom]}", "published on '/odom'"),
+        ("{command: [sh], px4_msgs: no}", "name the folder of px4_msgs, of the release"),
+        ("{command: [sh], px4_msgs: bad}", "the definition of px4_msgs/msg/VehicleStatus is none"),
+        ("{command: [sh], needs: [/fmu/out/vehicle_status]}", "published on '/fmu/out/vehicle_s"),
         ("{launch: no.launch.py}", "there is no file 'no.launch.py' beside the campaign"),
     ],
 )
 def test_faults_are_named_before_anything_starts(tmp_path: Path, text: str, fault: str) -> None:
     file = node_file(tmp_path, text)
     (tmp_path / "plain.txt").write_text("")
+    bad = write_definitions(tmp_path).rename(tmp_path / "bad")
+    (bad / "msg" / "VehicleStatus.msg").write_text("!!\n")
     with pytest.raises(BadInput) as caught:
         load_campaign(file)
     assert fault in str(caught.value)
@@ -107,6 +114,7 @@ def test_a_node_without_a_barrier_does_not_fly_in_virtual_time(tmp_path: Path) -
     [
         ({"command": ["python3", "n.py"]}, ("python3", "n.py")),
         ({"run": ["pkg", "node"]}, ("ros2", "run", "pkg", "node")),
+        ({"run": ["pkg", "node", "-p", "a:=1"]}, ("ros2", "run", "pkg", "node", "-p", "a:=1")),
         ({"launch": "a.launch.py"}, ("ros2", "launch", "a.launch.py")),
         ({"found": True, "domain": 0}, ()),
     ],
@@ -129,3 +137,23 @@ def test_two_runs_never_have_one_domain() -> None:
             pass
     with claimed_domain(first) as again:
         assert again == first
+
+
+async def test_a_python_without_rclpy_is_named(tmp_path: Path) -> None:
+    """As ROS is absent, or its setup.bash was not sourced: nothing is armed."""
+    python = tmp_path / "python"
+    python.write_text("#!/bin/sh\necho \"ModuleNotFoundError: No module named 'rclpy'\"\nexit 1\n")
+    python.chmod(0o755)
+    fault = "rclpy does not start .ended with exit code 1.*: ModuleNotFoundError.*autonomy.ros2.pyt"
+    with pytest.raises(WireError, match=fault):
+        async with open_rclpy(str(python), domain=3, folder=tmp_path, log=tmp_path / "log"):
+            pass
+
+
+def test_without_the_extra_the_wire_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("wil_campaign.plugins.ros2.ros2_part.find_spec", lambda _: None)
+    monkeypatch.setattr("wil_campaign.plugins.ros2.ros2_autonomy.find_spec", lambda _: None)
+    with pytest.raises(BadInput, match=r"needs rosbags and zenoh: pip install 'wil-campaign\[ros2"):
+        load_campaign(node_file(tmp_path, "{command: [sh]}"))

@@ -1,6 +1,7 @@
 """init: what it writes is a campaign, and it overwrites nothing."""
 
 import os
+import re
 import shlex
 import subprocess
 from pathlib import Path
@@ -13,9 +14,35 @@ from wil_campaign.campaigns.expansion.expansion import load_campaign
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.installation import program_text
 from wil_campaign.plugins.start import init_command
+from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.vehicles.embedded.profile import AirframeNumbers, Profile, load_profile
 
 VEHICLE_WIDTH_M = 0.3
 Capture = pytest.CaptureFixture[str]
+
+
+def test_init_writes_a_profile_with_every_key_its_unit_and_its_default(tmp_path: Path) -> None:
+    assert main(["init", "own", "--in", str(tmp_path), "--profile"]) == 0
+    path = tmp_path / "profile.yaml"
+    profile, nominal = load_profile(path), load_profile("nominal")
+    assert profile.airframe is not None
+    for name, value in profile.airframe.model_dump().items():
+        assert value == getattr(Airframe(), name), name
+    assert profile.model_copy(update={"airframe": None, "description": nominal.description}) == (
+        nominal
+    )
+    text = path.read_text()
+    written = yaml.safe_load(text)
+    for name, field in Profile.model_fields.items():
+        part = written[field.alias or name]
+        kind = {"airframe": AirframeNumbers}.get(name, field.annotation)
+        if isinstance(part, dict):
+            assert part.keys() == kind.model_fields.keys()  # type: ignore[union-attr]
+            for key in part:
+                assert re.search(rf"(?m)^  {key}: .+  # .", text), key
+    campaign = load_campaign(tmp_path / "campaign.yaml")
+    assert {one.name for one in campaign.runs} >= {"wide/sim/1"}
+    assert (tmp_path / "campaign.yaml").read_text().count("profile: profile.yaml") == 2
 
 
 def test_init_writes_a_campaign_with_a_control(

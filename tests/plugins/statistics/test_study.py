@@ -1,6 +1,7 @@
 """Pass rates, tests between modes and the gap of results folders that nothing flew."""
 
 import json
+import statistics
 from pathlib import Path
 
 import pytest
@@ -8,13 +9,24 @@ import pytest
 from tests.orchestrator.reading.flown_campaign import Flight, flights, write_flown
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
+from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder
 from wil_campaign.orchestrator.report.campaign_report import write_report
 from wil_campaign.plugins.statistics.gap.gap import ALL_CASES, Gap, GapFigure
 from wil_campaign.plugins.statistics.pass_rates import pass_rates
 from wil_campaign.plugins.statistics.study import Study
 from wil_campaign.plugins.statistics.study_section import study_section
-from wil_campaign.plugins.statistics.study_tables import gap_rows, result_rows, statements
+from wil_campaign.plugins.statistics.study_tables import (
+    gap_rows,
+    result_rows,
+    speed_rows,
+    statements,
+)
 from wil_campaign.plugins.statistics.study_text import study_text
+from wil_campaign.safety.evaluation.judge_log import ActorPose, WorldEvent
+from wil_campaign.safety.model.samples import PoseSample, StageSample
+from wil_campaign.worlds.frames import Pose
 
 Capture = pytest.CaptureFixture[str]
 SPREAD = (-0.02, -0.01, 0.0, 0.01, 0.02)
@@ -239,3 +251,72 @@ def test_a_gap_that_cannot_be_measured_leaves_the_report(
     assert why == "the gap cannot be measured: ValueError: no axis"
     assert json.loads(found.files["statistics.json"])["left_out"] == [why]
     assert found.html == ""
+
+
+def judged_with(path: Path, poses: list[tuple[float, float]]) -> None:
+    """Record a goal from 1 s on, a vehicle, and an actor `drone`. poses: its time and north."""
+    with JudgeLogWriter(path=path) as judged:
+        judged.write(WorldEvent(1.0, "goal"))
+        judged.write(StageSample(1.0, "goal"))
+        for t_s, north_m in poses:
+            judged.write(ActorPose(t_s, "drone", Pose.of(north_m, 0.0, 1.0), (0.0, 0.0, 0.0)))
+        for t_s in (1.0, 6.0):
+            judged.write(PoseSample(t_s, "real", Pose.of(0.0, 0.0, 1.0), (0.0, 0.0, 0.0)))
+        judged.write(StageSample(5.0, "done"))
+
+
+def moving_world() -> str:
+    """A walker of 1 m/s, after 2 s of standing, over 1 m and back at 3 m/s; and a flown drone."""
+    way = [
+        {"north_m": 3.0, "east_m": 1.0, "speed_m_s": 1.0},
+        {"north_m": 3.0, "east_m": 0.0, "speed_m_s": 3.0},
+    ]
+    still = [{"north_m": 0.0, "east_m": 0.0, "up_m": 1.0, "speed_m_s": 1.0}]
+    objects = {
+        "walker": {
+            "shape": "person",
+            "pose": {"north_m": 3.0},
+            "motion": {"start": {"on": "goal", "delay_s": 2.0}, "waypoints": way},
+        },
+        "drone": {"shape": "quadrotor", "pose": {"up_m": 1.0}, "motion": {"waypoints": still}},
+        "wall": {"shape": {"box": {"size_m": [1, 1, 1]}}, "pose": {"north_m": 9, "up_m": 1}},
+    }
+    origin = {"latitude_deg": 47.4, "longitude_deg": 8.5}
+    return json.dumps({"schema": "wil/world/1", "origin": origin, "objects": objects})
+
+
+def test_how_fast_moving_objects_were_by_hand(tmp_path: Path) -> None:
+    """Walker: ten samples of 1 m/s, 3 1/3 of 3 m/s. Drone: 1, 0, 3 m/s, a second each; or 2 m/s."""
+    folder = write_flown(tmp_path / "a", flights("walk", "wil", "PFI"), with_motion=False)
+    hops = [(1.0, 0.0), (2.0, 1.0), (3.0, 1.0), (4.0, 4.0), (5.0, 4.0)]
+    even = [(1.0, 0.0), (2.0, 2.0), (3.0, 4.0), (4.0, 4.0), (5.0, 4.0)]
+    for rep, poses in (("1", hops), ("2", even), ("3", even)):
+        place = folder / "walk/wil" / rep
+        judged_with(place / "judged.msgpack", poses)
+        facts = {"mode": "wil", "world": moving_world(), "world_file": "world.yaml"}
+        settings = RecordingSettings()
+        with McapRecorder(
+            path=place / "run.mcap", epoch_s=0.0, clock="virtual", settings=settings, facts=facts
+        ):
+            pass
+    study = study_of(folder)
+    drone, walker = study.speeds
+    assert (drone.object, drone.mode, drone.flights) == ("drone", "wil", 2)  # INVALID is left out
+    assert drone.mean_m_s == pytest.approx((4 / 3 + 2.0) / 2)
+    spread = ((1 - 4 / 3) ** 2 + (0 - 4 / 3) ** 2 + (3 - 4 / 3) ** 2) / 3
+    assert drone.within_m_s == pytest.approx(spread**0.5 / 2)
+    assert drone.between_m_s == pytest.approx((2.0 - 4 / 3) / 2**0.5)
+    # The last tenth of a second has a third of one at 3 m/s: 0.1 m in 0.1 s.
+    hand = [1.0] * 10 + [3.0] * 3 + [1.0]
+    assert walker.mean_m_s == pytest.approx(statistics.mean(hand))
+    assert walker.within_m_s == pytest.approx(statistics.pstdev(hand))
+    assert walker.between_m_s == pytest.approx(0.0)
+    assert speed_rows(study).rows[0] == (
+        *("walk", "drone", "WIL", "2", "1.67 m/s"),
+        *("0.62 m/s", "0.47 m/s"),
+    )
+    assert "how fast moving objects were" in study_text(study)
+    page = write_report(folder, workers=1).path.read_text("utf-8")
+    assert "How fast moving objects were" in page
+    written = json.loads((folder / "statistics.json").read_text("utf-8"))
+    assert [one["object"] for one in written["object_speeds"]] == ["drone", "walker"]

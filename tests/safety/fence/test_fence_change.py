@@ -9,6 +9,7 @@ from wil_campaign.safety.fence.areas import Circle
 from wil_campaign.safety.fence.fence_change import refusal_of_change
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.fence.stopping import Motion
+from wil_campaign.safety.guard.core.commands import NewFences, Operate
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardEvent, GuardSettings
 from wil_campaign.safety.guard.core.guard_core import GuardCore
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
@@ -47,16 +48,20 @@ def test_a_fence_that_may_not_be_changed_is_refused_with_the_reason(
 def test_a_vehicle_that_is_not_seen_keeps_its_fence() -> None:
     core = core_of_two()
     text = "anna: geofence: real: no position was received within the last second"
-    assert event_texts(core.propose_fences({"real": NEW}, "anna", 1.0)) == [("refused", text)]
+    assert event_texts(core.apply(NewFences("anna", {"real": NEW}, proposed=True), 1.0)) == [
+        ("refused", text)
+    ]
     core.position(place("real", 0.0, 1.0))
-    (proposed,) = event_texts(core.propose_fences({"real": NEW}, "anna", 1.5))
+    (proposed,) = event_texts(core.apply(NewFences("anna", {"real": NEW}, proposed=True), 1.5))
     wanted = (
         "anna requests another fence for real; the old one applies until the autopilot "
         "has the new one"
     )
     assert proposed == ("proposed", wanted)
     assert fence_of(core, "real") is OLD
-    assert event_texts(core.propose_fences({"real": NEW}, "anna", 2.5)) == [("refused", text)]
+    assert event_texts(core.apply(NewFences("anna", {"real": NEW}, proposed=True), 2.5)) == [
+        ("refused", text)
+    ]
 
 
 def place(name: str, north_m: float, t_s: float) -> PoseSample:
@@ -84,14 +89,16 @@ def test_the_guard_changes_all_fences_or_none() -> None:
     core.position(place("real", 0.0, 1.0))
     core.position(place("twin", 3.0, 1.0))
     both = {"real": NEW, "twin": NEW}
-    assert event_texts(core.change_fences(both, "anna", 1.2)) == [
+    assert event_texts(core.apply(NewFences("anna", both), 1.2)) == [
         ("refused", "anna: geofence: twin: it is 1.00 m outside of the fence's north side")
     ]
     assert fence_of(core, "real") is fence_of(core, "twin") is OLD
     core.position(place("twin", 1.0, 1.3))
-    assert [kind for kind, _ in event_texts(core.propose_fences(both, "anna", 1.4))] == ["proposed"]
+    assert [
+        kind for kind, _ in event_texts(core.apply(NewFences("anna", both, proposed=True), 1.4))
+    ] == ["proposed"]
     assert fence_of(core, "real") is OLD
-    assert event_texts(core.change_fences(both, "anna", 1.4)) == [
+    assert event_texts(core.apply(NewFences("anna", both), 1.4)) == [
         ("geofence", "anna changed the fence of real and twin")
     ]
     assert fence_of(core, "real") is fence_of(core, "twin") is NEW
@@ -100,8 +107,8 @@ def test_the_guard_changes_all_fences_or_none() -> None:
 def test_a_vehicle_that_lands_already_keeps_its_fence() -> None:
     core = core_of_two()
     core.position(place("real", 0.0, 1.0))
-    core.command(OperatorCommand("abort", "bert"), 1.1)
-    assert event_texts(core.change_fences({"real": NEW}, "anna", 1.2)) == [
+    core.apply(Operate(OperatorCommand("abort", "bert")), 1.1)
+    assert event_texts(core.apply(NewFences("anna", {"real": NEW}), 1.2)) == [
         ("refused", "anna: geofence: all vehicles are landing")
     ]
     assert fence_of(core, "real") is OLD
@@ -110,7 +117,7 @@ def test_a_vehicle_that_lands_already_keeps_its_fence() -> None:
 def test_the_new_fence_is_the_one_that_is_watched(pair: Any) -> None:
     pair.fly(1.0)
     small = Fence(inclusions=[Circle((0.0, 0.0), 1.0)], ceiling_up_m=9.0)
-    pair.apply(pair.core.change_fences({"real": small}, "anna", pair.t_s))
+    pair.apply(pair.core.apply(NewFences("anna", {"real": small}), pair.t_s))
     assert pair.kinds() == ["geofence"]
     pair.vehicles["real"].north_m_s = 0.5
     pair.fly(3.0)

@@ -3,6 +3,7 @@
 from typing import Any
 
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.commands import Operate
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings, ToVehicle
 from wil_campaign.safety.guard.core.guard_core import GuardCore
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
@@ -58,7 +59,7 @@ def make_pair(
 
 
 def abort(rig: Any, who: str = "anna") -> None:
-    rig.apply(rig.core.command(OperatorCommand("abort", who), rig.t_s))
+    rig.apply(rig.core.apply(Operate(OperatorCommand("abort", who)), rig.t_s))
 
 
 def to_orchestrator(rig: Any, name: str, data: bytes) -> tuple[bytes, ...]:

@@ -12,6 +12,7 @@ import pytest
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.commands import Alive, BringDown, Operate
 from wil_campaign.safety.guard.core.events import GuardedVehicle
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.local_guard import GuardLinks, LocalGuard
@@ -56,12 +57,12 @@ class Pair:
                 fence=fence,
                 attached=True,
             )
-        self.shell = LocalGuard(vehicles=guarded, links=links)
+        self.guard = LocalGuard(vehicles=guarded, links=links)
 
     async def open(self, stack: AsyncExitStack) -> None:
         for vehicle in self.vehicles.values():
             await stack.enter_async_context(vehicle)
-        await stack.enter_async_context(self.shell)
+        await stack.enter_async_context(self.guard)
         for name, driver in self.drivers.items():
             await stack.enter_async_context(driver)
             driver.on_estimate(self._listener(name))
@@ -69,7 +70,7 @@ class Pair:
     def _listener(self, name: str) -> Callable[[EstimateSample], None]:
         def listen(sample: EstimateSample) -> None:
             pose = PoseSample(sample.arrived_s, name, sample.pose, sample.velocity_ned_m_s)
-            self.shell.position(pose)
+            self.guard.position(pose)
 
         return listen
 
@@ -104,7 +105,7 @@ class Pair:
 
     async def _beat(self) -> None:
         while True:
-            self.shell.alive()
+            self.guard.send(Alive())
             await asyncio.sleep(0.1)
 
     def standing(self) -> dict[str, bool]:
@@ -123,14 +124,14 @@ async def interrupt(cause: Cause, at_s: float, seed: int) -> None:
         flight = asyncio.create_task(pair.fly(0.4), name="flight")
         await asyncio.wait([flight], timeout=at_s)
         if cause == "abort":
-            pair.shell.command(OperatorCommand("abort", "anna"))
+            pair.guard.send(Operate(OperatorCommand("abort", "anna")))
         elif cause == "bring_down":
-            pair.shell.bring_down("the test says so")
+            pair.guard.send(BringDown("the test says so"))
         elif cause == "killed":
             flight.cancel()
         # An orchestrator that dies before anything is armed leaves nothing to bring down.
         nothing_flew = cause == "killed" and not any(d.state.armed for d in pair.drivers.values())
-        assert await pair.shell.all_down(FASTEST_LANDING_S) or nothing_flew, pair.shell.events
+        assert await pair.guard.all_down(FASTEST_LANDING_S) or nothing_flew, pair.guard.events
         flight.cancel()
         await asyncio.gather(flight, return_exceptions=True)
         assert pair.standing() == {"real": True, "twin": True}
@@ -150,10 +151,10 @@ async def run_into_the_fence(speed_m_s: float, fence_north_m: float) -> float:
             vehicle.on_truth(functools.partial(watch, name), 50.0)
         flight = asyncio.create_task(pair.fly(speed_m_s), name="flight")
         await asyncio.wait([flight], timeout=60.0)
-        assert await pair.shell.all_down(FASTEST_LANDING_S), pair.shell.events
+        assert await pair.guard.all_down(FASTEST_LANDING_S), pair.guard.events
         flight.cancel()
         await asyncio.gather(flight, return_exceptions=True)
-        assert pair.shell.core.latched == "fence"
+        assert pair.guard.core.latched == "fence"
         assert pair.standing() == {"real": True, "twin": True}
     assert max(farthest_m.values()) < fence_north_m
     return max(farthest_m.values())
@@ -164,8 +165,8 @@ async def whole_flight() -> None:
     async with AsyncExitStack() as stack:
         await pair.open(stack)
         await pair.fly(0.4)
-        assert pair.shell.core.latched is None
-        assert pair.shell.core.dropped == {}
+        assert pair.guard.core.latched is None
+        assert pair.guard.core.dropped == {}
         assert pair.standing() == {"real": True, "twin": True}
 
 

@@ -1,12 +1,16 @@
 import asyncio
 from collections.abc import Coroutine
 from contextlib import AsyncExitStack
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
 from typing import Any, Self
 
 import pytest
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.commands import Alive, AnchorAt, BringDown, Operate, StartOutage
 from wil_campaign.safety.guard.core.contingency import Phase
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardEvent
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
@@ -16,7 +20,6 @@ from wil_campaign.vehicles.autopilots.autopilot import Mode, Target
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.mavlink.codec import Codec
-from wil_campaign.vehicles.poses.anchor import Anchor
 from wil_campaign.worlds.frames import Pose
 
 LATENCY_S = 0.003
@@ -26,9 +29,9 @@ NAMES = {"real": 1, "twin": 2}
 
 
 class Flight:
-    """Two fake PX4 behind the guard's shell; the test is the orchestrator."""
+    """Two fake PX4 behind a local guard; the test is the orchestrator."""
 
-    def __init__(self, make_vehicle: Any, **shell: Any) -> None:
+    def __init__(self, make_vehicle: Any, **guarding: Any) -> None:
         self.log: list[tuple[str, float, bytes]] = []
         self.heard: dict[str, list[bytes]] = {name: [] for name in NAMES}
         self.told: list[GuardEvent] = []
@@ -48,7 +51,7 @@ class Flight:
             self.drivers[name].receive(self._driver_receiver(name))
             self._ends += [self._air[name], self.drivers[name]]
             links[name] = GuardLinks(near, inner, gcs_end if name == "real" else None)
-        self.shell = LocalGuard(
+        self.guard = LocalGuard(
             vehicles={
                 name: GuardedVehicle(
                     autopilot=Px4(), target=Target(system), fence=FENCE, gcs=name == "real"
@@ -56,9 +59,9 @@ class Flight:
                 for name, system in NAMES.items()
             },
             links=links,
-            **{"record": lambda *row: self.log.append(row), **shell},
+            **{"record": lambda *row: self.log.append(row), **guarding},
         )
-        self.shell.on_event(self.told.append)
+        self.guard.on_event(self.told.append)
 
     def _vehicle_receiver(self, name: str) -> Any:
         return lambda data, t_s: self.vehicles[name].receive((data,), t_s)
@@ -70,7 +73,7 @@ class Flight:
         self._stack = AsyncExitStack()
         for end in self._ends:
             await self._stack.enter_async_context(end)
-        await self._stack.enter_async_context(self.shell)
+        await self._stack.enter_async_context(self.guard)
         self._live()
         await asyncio.sleep(1.0)
         return self
@@ -85,7 +88,7 @@ class Flight:
             vehicle.step(loop.time())
             if data := vehicle.frames(loop.time()):
                 self._air[name].write(data)
-            self.shell.position(vehicle.sample(loop.time()))
+            self.guard.position(vehicle.sample(loop.time()))
         self._timer = loop.call_later(0.05, self._live)
 
     def setpoint(self, name: str) -> None:
@@ -122,14 +125,14 @@ def test_bytes_pass_both_ways_and_are_recorded_frame_by_frame(fake_vehicle: Any)
 def test_bring_down_lands_both_and_says_when(fake_vehicle: Any) -> None:
     async def main() -> None:
         async with Flight(fake_vehicle) as flight:
-            assert not await flight.shell.all_down(1.0)
-            flight.shell.bring_down("the twin never became ready")
-            assert await flight.shell.all_down(30.0)
+            assert not await flight.guard.all_down(1.0)
+            flight.guard.send(BringDown("the twin never became ready"))
+            assert await flight.guard.all_down(30.0)
             assert asyncio.get_running_loop().time() < 15.0
             assert not any(vehicle.armed for vehicle in flight.vehicles.values())
-            assert set(flight.shell.phases.values()) == {Phase.DOWN}
+            assert set(flight.guard.phases.values()) == {Phase.DOWN}
             assert flight.kinds() == ["bring_down"]
-            assert flight.shell.events == flight.told
+            assert flight.guard.events == flight.told
 
     fly(main())
 
@@ -138,10 +141,10 @@ def test_all_down_is_false_when_a_vehicle_does_not_come_down(fake_vehicle: Any) 
     async def main() -> None:
         async with Flight(fake_vehicle) as flight:
             flight.vehicles["real"].deaf = True
-            flight.shell.command(OperatorCommand("abort", "Ctrl-C"))
-            assert not await flight.shell.all_down(20.0)
+            flight.guard.send(Operate(OperatorCommand("abort", "Ctrl-C")))
+            assert not await flight.guard.all_down(20.0)
             flight.vehicles["real"].deaf = False
-            assert await flight.shell.all_down(20.0)
+            assert await flight.guard.all_down(20.0)
 
     fly(main())
 
@@ -152,7 +155,7 @@ def test_an_abort_is_at_the_vehicle_after_the_link_s_latency_alone(fake_vehicle:
             flight.setpoint("real")
             await asyncio.sleep(0.01)
             now_s = asyncio.get_running_loop().time()
-            flight.shell.command(OperatorCommand("abort", "anna"))
+            flight.guard.send(Operate(OperatorCommand("abort", "anna")))
             await asyncio.sleep(0.01)
             t_s, word = flight.vehicles["real"].heard[1]
             assert word == "ZERO"
@@ -164,13 +167,13 @@ def test_an_abort_is_at_the_vehicle_after_the_link_s_latency_alone(fake_vehicle:
     fly(main())
 
 
-def test_hold_and_resume_through_the_shell(fake_vehicle: Any) -> None:
+def test_hold_and_resume_through_the_local_guard(fake_vehicle: Any) -> None:
     async def main() -> None:
         async with Flight(fake_vehicle) as flight:
-            flight.shell.command(OperatorCommand("hold", "anna"))
+            flight.guard.send(Operate(OperatorCommand("hold", "anna")))
             await asyncio.sleep(3.0)
             assert {vehicle.mode for vehicle in flight.vehicles.values()} == {Mode.HOLD}
-            flight.shell.command(OperatorCommand("resume", "anna"))
+            flight.guard.send(Operate(OperatorCommand("resume", "anna")))
             flight.setpoint("real")
             await asyncio.sleep(0.1)
             assert flight.vehicles["real"].words()[-1] == "SET_POSITION_TARGET_LOCAL_NED"
@@ -185,7 +188,7 @@ def test_silence_of_an_orchestrator_task_that_was_killed(fake_vehicle: Any) -> N
 
             async def beat() -> None:
                 while True:
-                    flight.shell.alive()
+                    flight.guard.send(Alive())
                     await asyncio.sleep(0.1)
 
             task = asyncio.create_task(beat(), name="heartbeat")
@@ -193,7 +196,7 @@ def test_silence_of_an_orchestrator_task_that_was_killed(fake_vehicle: Any) -> N
             assert flight.kinds() == []
             task.cancel()
             killed_s = asyncio.get_running_loop().time()
-            assert await flight.shell.all_down(30.0)
+            assert await flight.guard.all_down(30.0)
             assert flight.kinds() == ["silence"]
             silence = next(event for event in flight.told if event.kind == "silence")
             assert silence.t_s - killed_s <= 0.5
@@ -204,11 +207,51 @@ def test_silence_of_an_orchestrator_task_that_was_killed(fake_vehicle: Any) -> N
 def test_a_fence_breach_by_position_and_by_anchored_estimate(fake_vehicle: Any) -> None:
     async def main() -> None:
         async with Flight(fake_vehicle) as flight:
-            flight.shell.anchor("real", Anchor((0.0, 0.0, 0.0)))
+            flight.guard.send(AnchorAt("real", (0.0, 0.0, 0.0), 0.0))
             now_s = asyncio.get_running_loop().time()
-            flight.shell.position(PoseSample(now_s, "real", Pose((9, 0, -2)), (0, 0, 0)))
+            flight.guard.position(PoseSample(now_s, "real", Pose((9, 0, -2)), (0, 0, 0)))
             assert flight.kinds() == ["fence"]
-            assert await flight.shell.all_down(30.0)
+            assert await flight.guard.all_down(30.0)
+
+    fly(main())
+
+
+def test_an_outage_is_of_one_link_and_of_one_that_can_have_it(fake_vehicle: Any) -> None:
+    begun: list[tuple[str, float]] = []
+
+    async def main() -> None:
+        async with Flight(fake_vehicle) as flight:
+            links: Any = flight.guard._links
+            for name in NAMES:
+                impaired = SimpleNamespace(start_outage=partial(_note_outage, begun, name))
+                links[name] = replace(links[name], impaired=impaired)
+            flight.guard.send(StartOutage("twin", 4.0))
+            assert begun == [("twin", 4.0)]
+            links["real"] = replace(links["real"], impaired=None)
+            with pytest.raises(ValueError, match="the link of real does not support outages"):
+                flight.guard.send(StartOutage("real", 4.0))
+            assert flight.kinds() == []
+
+    fly(main())
+
+
+def _note_outage(begun: list[tuple[str, float]], name: str, duration_s: float) -> None:
+    begun.append((name, duration_s))
+
+
+def test_at_rest_and_all_down_follow_what_the_guard_sees(fake_vehicle: Any) -> None:
+    async def main() -> None:
+        async with Flight(fake_vehicle) as flight:
+            assert not await flight.guard.at_rest(0.5)
+            for vehicle in flight.vehicles.values():
+                vehicle.armed = False
+            assert await flight.guard.at_rest(5.0)
+            assert not await flight.guard.all_down(0.5), "nothing brought them down"
+            flight.guard.send(BringDown("done"))
+            assert await flight.guard.all_down(5.0)
+            flight.vehicles["twin"].armed = True
+            await asyncio.sleep(2.0)
+            assert not await flight.guard.at_rest(0.1)
 
     fly(main())
 
@@ -222,8 +265,8 @@ def test_a_log_that_cannot_be_written_does_not_stop_the_flight(fake_vehicle: Any
             flight.setpoint("real")
             await asyncio.sleep(1.0)
             assert flight.vehicles["real"].words() == ["SET_POSITION_TARGET_LOCAL_NED"]
-            flight.shell.command(OperatorCommand("abort", "anna"))
-            assert await flight.shell.all_down(30.0)
+            flight.guard.send(Operate(OperatorCommand("abort", "anna")))
+            assert await flight.guard.all_down(30.0)
             assert flight.kinds() == ["record", "record", "abort"]
             assert {one.vehicle for one in flight.told if one.kind == "record"} == {"real", "twin"}
 
@@ -254,8 +297,8 @@ def test_frames_leave_before_events_are_reported(fake_vehicle: Any) -> None:
         async with Flight(fake_vehicle) as flight:
             seen: list[int] = []
             before = len(flight.log)
-            flight.shell.on_event(lambda _: seen.append(len(flight.log) - before))
-            flight.shell.command(OperatorCommand("abort", "anna"))
+            flight.guard.on_event(lambda _: seen.append(len(flight.log) - before))
+            flight.guard.send(Operate(OperatorCommand("abort", "anna")))
             assert seen
             assert min(seen) >= 4
 
@@ -269,7 +312,7 @@ def test_telemetry_is_passed_on_before_it_is_judged(
 
     async def main() -> None:
         async with Flight(fake_vehicle) as flight:
-            core, orchestrator = flight.shell.core, flight.shell._links["twin"].orchestrator
+            core, orchestrator = flight.guard.core, flight.guard._links["twin"].orchestrator
             write, judge = orchestrator.write, core.judge_vehicle
 
             def passing(data: bytes) -> None:
@@ -293,7 +336,7 @@ def test_telemetry_is_passed_on_before_it_is_judged(
 def test_ticks_keep_their_raster(fake_vehicle: Any) -> None:
     async def main() -> None:
         async with Flight(fake_vehicle) as flight:
-            flight.shell.command(OperatorCommand("abort", "anna"))
+            flight.guard.send(Operate(OperatorCommand("abort", "anna")))
             for vehicle in flight.vehicles.values():
                 vehicle.deaf = True
             await asyncio.sleep(1.0)

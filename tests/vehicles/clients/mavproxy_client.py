@@ -17,6 +17,8 @@ from pathlib import Path
 from pymavlink import mavutil
 
 PARAMETERS = {"px4": "COM_OF_LOSS_T", "ardupilot": "GUID_TIMEOUT"}
+PX4_TAKEOFF, PX4_LAND = "1 4 2", "1 4 6"
+"""PX4's modes; `mode` of MAVProxy 1.8.74 fails for PX4: it sends their names as numbers."""
 MODULES = "log,wp,fence,param,arm,mode,misc,cmdlong"
 WITHIN_S = 40.0
 MAVPROXY = Path(sys.executable).parent / "mavproxy.py"
@@ -109,18 +111,26 @@ def _fly(person: Typist, autopilot: str, folder: Path) -> None:
     person.until_seen("status SYS_STATUS", "onboard_control_sensors_health : ")
     if autopilot == "ardupilot":
         person.until_seen("mode guided", "Mode GUIDED")
+    else:
+        person.type("param set MIS_TAKEOFF_ALT 3")
+        person.until_seen("param show MIS_TAKEOFF_ALT", r"MIS_TAKEOFF_ALT\s+3")
     person.until_seen("arm throttle", "^ARMED|Arming|ARMED")
     report("armed")
-    person.type("takeoff 3")
+    # MAVProxy's own takeoff names the place 0, 0, to which a PX4 would fly.
+    person.type("takeoff 3" if autopilot == "ardupilot" else f"long DO_SET_MODE {PX4_TAKEOFF}")
     person.until_seen(
         "status GLOBAL_POSITION_INT", r"relative_alt : (2[5-9]|3)\d\d\d?\b|relative_alt : 3\d\d\d"
     )
     report("took off")
     north = latitude + 1e-4
-    person.type(f"guided {north:.7f} {longitude:.7f} 3")
+    if autopilot == "ardupilot":
+        person.type(f"guided {north:.7f} {longitude:.7f} 3")
+    else:  # MAVProxy's own is a mission item, which PX4 refuses
+        above_m = int(place.group(3)) * 1e-3 + 3.0
+        person.type(f"long DO_REPOSITION -1 1 0 nan {north:.7f} {longitude:.7f} {above_m:.1f}")
     person.until_seen("status GLOBAL_POSITION_INT", _near(round(north * 1e7)))
     report("went north")
-    person.type("mode land" if autopilot == "ardupilot" else "mode LAND")
+    person.type("mode land" if autopilot == "ardupilot" else f"long DO_SET_MODE {PX4_LAND}")
     person.see("DISARMED")
     report("landed")
     person.type("log list")
@@ -137,6 +147,8 @@ def _mission(person: Typist, folder: Path, latitude: float, longitude: float) ->
     file.write_text("\n".join(lines) + "\n")
     person.type(f"wp load {file}")
     person.see("Loaded [34] waypoints")
+    # To list them before is to give up the upload.
+    person.see("MISSION_ACK: TYPE_MISSION: ACCEPTED")
     person.until_seen("wp list", "Requesting [34] waypoints|Saved [34]|16 ")
     report("mission")
 

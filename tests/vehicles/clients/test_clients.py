@@ -8,6 +8,7 @@ import asyncio
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.ports import free_port
 from tests.vehicles.embedded.running_vehicle import running_vehicle
+from wil_campaign import mock_vehicle
+from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 
 HERE = Path(__file__).parent
@@ -119,8 +122,28 @@ async def test_scripts_with_pymavlink_fly_the_embedded_vehicle(
     assert "logs 1" in said
 
 
-async def test_mavproxy_flies_the_embedded_vehicle(tmp_path: Path) -> None:
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+async def test_mavproxy_flies_the_embedded_vehicle(tmp_path: Path, autopilot: str) -> None:
     port = free_port()
-    async with vehicle(f"tcpin://127.0.0.1:{port}", "ardupilot"):
-        await flown_by("mavproxy_client.py", f"tcp:127.0.0.1:{port}", "ardupilot", str(tmp_path))
+    async with vehicle(f"tcpin://127.0.0.1:{port}", autopilot):
+        await flown_by("mavproxy_client.py", f"tcp:127.0.0.1:{port}", autopilot, str(tmp_path))
         await is_down_in_the_north(f"tcp:127.0.0.1:{port}")
+
+
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+async def test_a_mock_vehicle_answers_all_that_qgroundcontrol_asks(
+    autopilot: AutopilotName,
+) -> None:
+    async with mock_vehicle(autopilot, speed=SPEED) as mock:
+        said = await flown_by("qgroundcontrol_client.py", mock.device, autopilot)
+    assert "connected again" in said
+
+
+@pytest.mark.skipif(find_spec("dronekit") is None, reason="dronekit is not installed")
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+async def test_dronekit_flies_the_embedded_vehicle(autopilot: str) -> None:
+    port = free_port()
+    async with vehicle(f"tcpin://127.0.0.1:{port}", autopilot):
+        said = await flown_by("dronekit_client.py", f"tcp:127.0.0.1:{port}", autopilot)
+        await is_down_in_the_north(f"tcp:127.0.0.1:{port}")
+    assert "landed" in said

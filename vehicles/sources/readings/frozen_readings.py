@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from wil_campaign.vehicles.readings import (
     CameraReading,
+    DepthReading,
     GpsReading,
     ImuReading,
     LidarPointsReading,
@@ -55,7 +56,7 @@ class FrozenReadings:
         if since.times < _SAME or not _has_moved(reading, since.pose, pose):
             return None
         moved = f"moved {norm(subtract(pose.position_ned_m, since.pose.position_ned_m)):.2f} m"
-        if isinstance(reading, CameraReading):
+        if isinstance(reading, CameraReading | DepthReading):
             turned_rad = angle_between(since.pose.q_wxyz, pose.q_wxyz)
             moved += f" and turned {math.degrees(turned_rad):.0f} deg"
         return (
@@ -70,7 +71,7 @@ def _has_moved(reading: Reading, since: Pose, now: Pose) -> bool:
     match reading:
         case MicrophoneReading():
             return True
-        case CameraReading():
+        case CameraReading() | DepthReading():
             turned_rad = angle_between(since.q_wxyz, now.q_wxyz)
             return norm(moved) > _MOVED_M or turned_rad > _TURNED_RAD
         case LidarScanReading():
@@ -91,6 +92,8 @@ def _numbers(reading: Reading) -> tuple[object, ...]:  # noqa: PLR0911 - a line 
         case CameraReading(image_bgr=image_bgr):
             # To compare bytes ends at the first that differs: cheaper than any digest.
             return (image_bgr.tobytes(),)
+        case DepthReading(depth_m=depth_m):
+            return (depth_m.tobytes(),) if bool((depth_m < math.inf).any()) else ()
         case RangefinderReading(range_m=range_m):
             return (range_m,) if math.isfinite(range_m) else ()
         case LidarScanReading(ranges_m=ranges_m):

@@ -7,12 +7,17 @@ from typing import Literal, Self
 
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.vehicles.readings.checks import fault_of
-from wil_campaign.vehicles.sources.camera_source import SourceCounts, SourceStalledError
+from wil_campaign.vehicles.sources.camera_source import (
+    SourceCounts,
+    SourceError,
+    SourceStalledError,
+)
 
 OLDEST_S = 1.0
 """A reading that was sampled longer before its arrival has a stamp of another clock."""
 _EARLY_S = 0.05
 """A mapped clock is off by less: a stamp that is later than its arrival by more is wrong."""
+_POLL_S = 0.02
 _DEPTH = 64
 """Length of the queue of readings: small ones arrive in bursts when the loop was busy."""
 
@@ -112,6 +117,15 @@ class LiveReadings:
         """Return the message that no usable reading arrived in time, with the reason or remedy."""
         why = self.complaint or self._silence_reason()
         return f"{self.name}: no usable {self._what} arrived within {within_s:g} s: {why}"
+
+    async def _wait_for_first(self, open_s: float) -> None:
+        """Wait for the first usable reading. Raises SourceError."""
+        try:
+            async with asyncio.timeout(open_s):
+                while self.newest is None:  # noqa: ASYNC110 - a socket's reader sets no event
+                    await asyncio.sleep(_POLL_S)
+        except TimeoutError as error:
+            raise SourceError(self.missing_reading_text(open_s)) from error
 
     def _silence_reason(self) -> str:
         """Return why nothing arrived at all, or what to do, in words."""

@@ -9,7 +9,15 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any
 
-from wil_campaign.vehicles.readings import GpsReading, ImuReading, PoseReading, Reading
+import numpy as np
+
+from wil_campaign.vehicles.readings import (
+    DepthReading,
+    GpsReading,
+    ImuReading,
+    PoseReading,
+    Reading,
+)
 from wil_campaign.worlds.frames import Pose, angle_between, norm, quat_conjugate, rotate, subtract
 from wil_campaign.worlds.geodesy import LocalFrame
 
@@ -23,6 +31,8 @@ _ORIGIN_M = 10.0
 _DEVIATIONS = 5.0
 _HEIGHT_M = 1000.0
 """Height error of a fix that is let pass: worlds' altitudes are read off maps and geoids."""
+_DEPTHS_M = (0.02, 100.0)
+"""Of a depth camera: from nearer than any measures to farther than any; millimetres are beyond."""
 _POSE_M = 3.0
 """Two sources of a pose differ by less: an estimate at rest drifts by a metre."""
 
@@ -84,6 +94,18 @@ def _pose(reading: PoseReading, pose: Pose, _: LocalFrame) -> str | None:
     return None
 
 
+def _depth(reading: DepthReading, _: Pose, __: LocalFrame) -> str | None:
+    seen = reading.depth_m[np.isfinite(reading.depth_m)]
+    middle_m = float(np.median(seen)) if seen.size else 1.0
+    least_m, most_m = _DEPTHS_M
+    if least_m <= middle_m <= most_m:
+        return None
+    return (
+        f"half of its distances are {'below' if middle_m < least_m else 'above'} {middle_m:.4g} m: "
+        "its unit is wrong (`depth_m` is in metres, and infinity where nothing came back)"
+    )
+
+
 _CHECKS: Mapping[type, Callable[[Any, Pose, LocalFrame], str | None]] = MappingProxyType(
-    {ImuReading: _imu, GpsReading: _gps, PoseReading: _pose}
+    {DepthReading: _depth, ImuReading: _imu, GpsReading: _gps, PoseReading: _pose}
 )

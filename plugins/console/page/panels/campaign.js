@@ -56,6 +56,9 @@ export function showCampaign(campaign) {
 /** The reasons of runs that are not PASS. @param {any} campaign */
 function reasons(campaign) {
   const list = make("ul", "", "reasons");
+  // It scrolls: the keyboard reaches it.
+  list.tabIndex = 0;
+  list.setAttribute("aria-label", "Reasons of runs that did not pass");
   const why = Object.entries(campaign.finished ?? {}).filter(([name, verdict]) => verdict !== "PASS" && campaign.reasons?.[name]);
   for (const [name, verdict] of why.slice(-SHOWN_REASONS)) {
     const item = make("li");

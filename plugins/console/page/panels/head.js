@@ -2,11 +2,14 @@
 // The head: state, verdict, and progress of an abort. Its size is constant, so that ABORT never
 // moves.
 
-import { airText, abortText, campaignOf, finalOf, hasEnded, isIdle, runName, stateText, verdictOf } from "../flight_state.js";
+import { airText, abortText, campaignOf, finalOf, hasEnded, isIdle, nextText, runName, stateText, verdictOf } from "../flight_state.js";
 import { button, by, clock, number, write } from "./dom.js";
 import { nearestOf, sinceStart } from "./margins.js";
 
 /** @typedef {import("../model.js").Model} Model */
+
+/** How long a reply that a command was obeyed is shown; a refusal stays. */
+const REPLY_MS = 20000;
 
 export class Head {
   /** @param {Model} model @param {() => void} redraw the views: another run is shown */
@@ -31,7 +34,8 @@ export class Head {
     const campaign = this.campaign();
     write("campaign", campaign?.name ?? this.title());
     write("state", stateText(model, campaign));
-    write("stage", view?.stage ?? "–");
+    write("stage", view?.stage.replaceAll("_", " ") ?? "–");
+    write("next", nextText(campaign));
     const verdict = verdictOf(model, model.run);
     write("verdict-label", verdict.label);
     write("verdict", verdict.text, `badge ${verdict.kind}`);
@@ -48,7 +52,7 @@ export class Head {
 
   title() {
     if (this.model.mode === "recorded") return "Recorded run";
-    return this.model.you ? "No campaign in flight" : "wil-campaign console";
+    return this.model.you ? "No campaign in flight" : "Console";
   }
 
   /** Refresh the texts that depend on time. */
@@ -56,7 +60,7 @@ export class Head {
     const view = this.model.run?.view;
     const kind = view?.clock === "wall" ? "" : `, ${view?.clock}`;
     write("time", view ? `${number(sinceStart(view.t_s, view), 1)} s${kind}${leftText(view)}` : "–");
-    write("time-label", `${clock(Date.now())} · run time`);
+    write("time-label", `Run time · ${clock(Date.now())}`);
     write("air", airText(this.model));
     this.showReply();
   }
@@ -87,7 +91,8 @@ export class Head {
   showReply() {
     const { model } = this;
     const abort = abortText(model);
-    const reply = model.reply && (!abort || model.reply.at > (model.abort?.at ?? 0)) ? model.reply : abort;
+    const isRecent = model.reply && (!model.reply.ok || Date.now() - model.reply.at < REPLY_MS);
+    const reply = model.reply && isRecent && (!abort || model.reply.at > (model.abort?.at ?? 0)) ? model.reply : abort;
     const ended = model.isOver && reply === null ? { ok: true, text: "The campaign, its guards and its console have ended. A guard ends only when its vehicles are down." } : reply;
     write("reply", ended?.text ?? "", ended ? `reply ${ended.ok ? "good" : "bad"}` : "reply");
   }
@@ -102,7 +107,7 @@ export class Head {
       const name = `${several && campaign ? `${campaign.name}: ` : ""}${runName(run.key)}`;
       const final = finalOf(model, run);
       const isLive = model.mode === "live" && !hasEnded(model, run);
-      return [run.key, final ? `${name} · ${final}` : isLive ? `● ${name} · ${run.view?.stage ?? "begins"}` : name, false];
+      return [run.key, final && run.key !== model.chosen ? `${name} · ${final}` : isLive ? `● ${name}${run.key === model.chosen ? "" : ` · ${run.view?.stage ?? "begins"}`}` : name, false];
     });
     for (const campaign of campaigns) {
       for (const [name, verdict] of Object.entries(campaign.finished ?? {})) {

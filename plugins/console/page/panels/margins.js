@@ -31,6 +31,7 @@ export function nearestOf(run) {
 /** @param {Run | undefined} run */
 export function showMargins(run) {
   const margins = run?.view?.margins ?? [];
+  if (run?.view?.clock === "recorded") by("margins-note").textContent = "the worst values of the flight, each from its moment on";
   const sorted = margins.toSorted((/** @type {any} */ one, /** @type {any} */ other) => Number(other.required) - Number(one.required));
   const rows = sorted.map((/** @type {any} */ one) => {
     const row = make("tr", "", one.required ? "" : "minor");
@@ -107,6 +108,10 @@ function barCell(one, run) {
   const fill = make("i");
   fill.style.width = `${Math.max(0, share * 100)}%`;
   bar.append(fill);
+  if (run?.view?.clock === "recorded") {
+    cell.append(`${number(Math.abs(one.margin))} ${one.unit} ${one.margin < 0 ? "beyond" : "left"}`);
+    return cell;
+  }
   const text = share < 0 ? `${number(-one.margin)} ${one.unit} beyond` : `${number(one.margin)} ${one.unit} left, ${number(whole)} at most`;
   cell.append(make("span", text), bar);
   return cell;

@@ -19,6 +19,7 @@ from wil_campaign.orchestrator.run.stages.actor_flight import ActorFlight
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
 from wil_campaign.orchestrator.run.vehicles.vehicle_backends import vehicle_seed
 from wil_campaign.orchestrator.state.run_state import RunState
+from wil_campaign.safety.guard.core.commands import StartOutage
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.safety.model.verdict import DecisiveEvent
 from wil_campaign.worlds.frames import Pose
@@ -76,7 +77,7 @@ def test_a_contact_with_the_actor_in_mode_real_fails_the_run(fly_run: Fly) -> No
 
 def mute(pair: Pair, run_state: RunState) -> None:
     run_state.on_stage(
-        lambda stage, _: pair.guard.start_outage("intruder", 60.0) if stage == "goal" else None
+        lambda stage, _: pair.guard.send(StartOutage("intruder", 60.0)) if stage == "goal" else None
     )
 
 

@@ -10,6 +10,7 @@ from tests.orchestrator.run.flight.test_fence_changes import TIGHTER
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.run.flight.fence_changes import FenceChanges
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.commands import NewFences
 from wil_campaign.safety.guard.core.events import EventKind, GuardEvent
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.worlds.geodesy import LocalFrame
@@ -45,12 +46,9 @@ class SilentGuard:
         self.tell = tell
         self.answers_proposals = True
 
-    def propose_fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        if self.answers_proposals:
+    def send(self, command: NewFences) -> None:
+        if command.proposed and self.answers_proposals:
             self.tell("proposed", "")
-
-    def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
-        pass
 
 
 class Rig:

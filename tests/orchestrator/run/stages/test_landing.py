@@ -15,6 +15,7 @@ from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.flight.conduct import _finish
 from wil_campaign.orchestrator.run.stages.landing import bring_down
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.safety.guard.core.commands import BringDown
 from wil_campaign.safety.guard.core.contingency import Phase
 from wil_campaign.vehicles.mavlink.codec import Codec
 
@@ -60,8 +61,8 @@ class Guard:
         self.phases = {"real": Phase.DOWN, "twin": Phase.DOWN if downs else Phase.DESCEND}
         """twin stands for any vehicle, also an attached one."""
 
-    def bring_down(self, reason: str) -> None:
-        self.reason = reason
+    def send(self, command: BringDown) -> None:
+        self.reason = command.reason
 
     async def all_down(self, within_s: float) -> bool:
         return self._downs and within_s > 0.0

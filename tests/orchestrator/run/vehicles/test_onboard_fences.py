@@ -16,6 +16,7 @@ from wil_campaign.orchestrator.model.progress import Happening, News
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.safety.guard.core.commands import StartOutage
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter
@@ -190,7 +191,7 @@ def test_an_outage_that_does_not_end_leaves_the_old_fence(fly_run: Fly) -> None:
 
 
 def go_dark(pair: Pair, after_s: float, for_s: float) -> None:
-    asyncio.get_running_loop().call_later(after_s, pair.guard.start_outage, "twin", for_s)
+    asyncio.get_running_loop().call_later(after_s, pair.guard.send, StartOutage("twin", for_s))
 
 
 def test_an_abort_in_the_middle_wins(fly_run: Fly) -> None:

@@ -6,11 +6,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wil_campaign.plugins.ros2.messages.ros_messages import POSE, TRAJECTORY, TWIST
-from wil_campaign.plugins.ros2.messages.ros_types import ros_types
+from tests.plugins.ros2.px4.definitions import DEFINITIONS
+from wil_campaign.plugins.ros2.messages.ros_messages import (
+    POSE,
+    TRAJECTORY,
+    TRAJECTORY_SETPOINT,
+    TWIST,
+)
+from wil_campaign.plugins.ros2.messages.ros_types import RosTypes, ros_types
 from wil_campaign.plugins.ros2.messages.setpoint_messages import (
     BadSetpointError,
     setpoint_of,
+    stamp_in,
     stamp_of,
 )
 from wil_campaign.vehicles.setpoints import PositionSetpoint, VelocitySetpoint
@@ -107,3 +114,52 @@ def test_the_stamp_is_read_without_the_rest() -> None:
     big_endian = b"\0\0\0\0" + np.array([5, 250], ">u4").tobytes()
     assert stamp_of(big_endian) == 5_000_000_250
     assert stamp_of(b"\0\1") == 0
+
+
+PX4 = RosTypes("jazzy", {TRAJECTORY_SETPOINT: DEFINITIONS["TrajectorySetpoint"]})
+NAN = float("nan")
+
+
+def px4(position: tuple[float, ...], velocity: tuple[float, ...], *turns: float) -> Any:
+    """Return a TrajectorySetpoint. turns: yaw and yawspeed."""
+    yaw, yawspeed = turns or (NAN, NAN)
+    floats = (np.array(one, np.float32) for one in (position, velocity))
+    return PX4.cls(TRAJECTORY_SETPOINT)(3_000_007, *floats, yaw, yawspeed)
+
+
+@pytest.mark.parametrize(
+    ("message", "setpoint"),
+    [
+        (px4((1, 2, -3), (NAN,) * 3), PositionSetpoint((1, 2, -3))),
+        (px4((1, 2, -3), (0.5, 0, 0), 7.0, 0.1), PositionSetpoint((1, 2, -3), 7 - 2 * math.pi)),
+        (px4((NAN,) * 3, (1, 2, -3), NAN, 0.5), VelocitySetpoint((1, 2, -3), yaw_rate_rad_s=0.5)),
+        (px4((NAN,) * 3, (1, 2, -3), 0.5, 0.5), VelocitySetpoint((1, 2, -3), yaw_rad=0.5)),
+        # It is 1 m above the origin, and climbs by the error to 3 m.
+        (px4((NAN, NAN, -3), (1, 2, NAN)), VelocitySetpoint((1, 2, -2))),
+        (px4((NAN, NAN, -30), (1, 2, NAN)), VelocitySetpoint((1, 2, -3))),
+        (px4((NAN, NAN, 30), (1, 2, NAN)), VelocitySetpoint((1, 2, 1.5))),
+        (px4((-2, NAN, NAN), (NAN, 0, 0)), VelocitySetpoint((-1.9, 0, 0))),
+    ],
+)
+def test_a_setpoint_of_px4(message: Any, setpoint: object) -> None:
+    assert setpoint_of(message, TRAJECTORY_SETPOINT, NORTH) == setpoint
+
+
+@pytest.mark.parametrize(
+    ("message", "fault"),
+    [
+        (px4((1, 2, NAN), (NAN,) * 3), r"NaN as both position\[2\] and velocity\[2\]"),
+        (px4((1, 2, math.inf), (NAN,) * 3), r"is not finite: position\[2\] = inf"),
+        (px4((1, 2, -3), (NAN,) * 3, math.inf, 0), "is not finite: yaw = inf"),
+    ],
+)
+def test_a_setpoint_of_px4_that_is_none_is_named(message: Any, fault: str) -> None:
+    with pytest.raises(BadSetpointError, match=fault):
+        setpoint_of(message, TRAJECTORY_SETPOINT, NORTH)
+
+
+def test_a_stamp_of_px4_has_microseconds() -> None:
+    cdr = PX4.serialize(px4((1, 2, -3), (NAN,) * 3), TRAJECTORY_SETPOINT)
+    assert stamp_of(cdr, TRAJECTORY_SETPOINT) == 3_000_007_000
+    assert stamp_in(TRAJECTORY_SETPOINT, 3_000_007_999) == 3_000_007_000
+    assert stamp_in(TWIST, 3_000_007_999) == 3_000_007_999

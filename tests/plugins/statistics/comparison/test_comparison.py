@@ -177,6 +177,33 @@ def test_the_command_exits_1_when_a_case_became_worse(tmp_path: Path, capsys: Ca
     assert json.loads(last[last.index('{\n  "schema"') :])["changes"][0]["outcome"] == "not worse"
 
 
+def test_the_page_shows_intervals_changed_settings_and_links(tmp_path: Path) -> None:
+    limits = [{"oracles": {"altitude": {"max_m": max_m}}} for max_m in (2.3, "<b>9")]
+    old = write_flown(
+        tmp_path / "old", flights("a", "wil", "P" * 10, TEN), document=limits[0], with_motion=False
+    )
+    bad = write_flown(
+        tmp_path / "b d",
+        flights("a", "wil", "F" * 6 + "PPPP", TEN),
+        document=limits[1],
+        with_motion=False,
+    )
+    (bad / "report.html").write_text("<!doctype html>")
+    page = tmp_path / "compare.html"
+    assert main(["compare", str(old), str(bad), "--changed", "--page", str(page)]) == 1
+    text = page.read_text()
+    assert "worse: a/wil pass rate" in text
+    assert "10 of 10 passed, interval of 69% to 100%" in text
+    assert "4 of 10 passed, interval of 12% to 74%" in text
+    assert text.count('class="interval"') == 2
+    assert 'href="b%20d/report.html"' in text
+    assert "old/report.html" not in text, "there is none"
+    assert "<b>changed</b> <bdi>oracles.altitude.max_m was 2.3, now it is" in text
+    assert "<b>9" not in text
+    missing = tmp_path / "none" / "page.html"
+    assert main(["compare", str(old), str(bad), "--page", str(missing)]) == 3
+
+
 def test_a_case_that_is_not_flown_any_more_is_no_good_comparison(
     tmp_path: Path, capsys: Capture
 ) -> None:

@@ -186,6 +186,22 @@ def test_the_page_acts_on_nothing_from_a_file(tmp_path: Path, capsys: Capture) -
     assert not re.search(r'(src|href)="(?!data:,)', text)
 
 
+def test_the_page_draws_intervals_and_links_to_reports(tmp_path: Path) -> None:
+    first = flown(tmp_path, 1, "PFP", document={"oracles": {"altitude": {"max_m": 2}}})
+    (first / "report.html").write_text("<!doctype html>")
+    flown(tmp_path, 2, "PPP", document={"oracles": {"altitude": {"max_m": 3}}})
+    page = tmp_path / "pages" / "history.html"
+    page.parent.mkdir()
+    assert main(["history", str(tmp_path / "results"), "--page", str(page)]) == 0
+    text = page.read_text()
+    assert re.findall(r'href="(?!data)([^"]*)"', text) == ["../results/gate/20261101/report.html"]
+    bars = [float(y) for y in re.findall(r'class="interval"[^>]*y1="([\d.]+)"', text)]
+    # 2 of 3: from 9.4 %; 3 of 3: from 29.2 %; of 48 px, 8 px from the top.
+    assert bars == pytest.approx([8 + 48 * (1 - 0.094), 8 + 48 * (1 - 0.292)], abs=0.1)
+    assert text.count('<line class="changed"') == 1
+    assert "2 of 2" not in text
+
+
 @pytest.mark.parametrize("content", ["{", '{"campaign": "gate"}', "\udce9"])
 def test_a_damaged_file_is_named_with_its_line(
     tmp_path: Path, capsys: Capture, content: str

@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.safety.guard.guard_rigs import abort, make_pair
-from wil_campaign.vehicles.poses.anchor import Anchor
+from wil_campaign.safety.guard.core.commands import AnchorAt
 from wil_campaign.worlds.frames import Vec3
 
 HERE: Vec3 = (0.0, 0.0, -2.0)
@@ -29,7 +29,7 @@ def estimated(pair: Any, position_m: Vec3, velocity_m_s: Vec3 = STANDING) -> Non
 
 def anchored(pair: Any, north_m: float = 0.0) -> Any:
     """Return a pair whose real has an anchor, and of which nothing else gives positions."""
-    pair.core.anchor("real", Anchor((north_m, 0.0, 0.0)))
+    pair.core.apply(AnchorAt("real", (north_m, 0.0, 0.0), 0.0), 0.0)
     pair.blind = True
     return pair
 

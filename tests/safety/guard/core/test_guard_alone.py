@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from tests.safety.guard.guard_rigs import FENCE, abort, setpoint
+from wil_campaign.safety.guard.core.commands import BringDown, ClocksApart
 from wil_campaign.safety.guard.core.contingency import Phase
 from wil_campaign.safety.guard.core.events import GuardedVehicle, ToVehicle, decisive
 from wil_campaign.safety.guard.core.guard_core import GuardCore
@@ -78,7 +79,7 @@ def test_a_silent_vehicle_is_not_waited_for(pair: Any) -> None:
     fall_silent(pair)
     pair.fly(5.0)
     assert pair.core.may_be_armed(pair.t_s) == ("real",)
-    pair.apply(pair.core.bring_down("enough", pair.t_s))
+    pair.apply(pair.core.apply(BringDown("enough"), pair.t_s))
     pair.fly(15.0)
     assert pair.core.all_down
 
@@ -95,7 +96,7 @@ def test_a_silent_vehicle_that_may_be_in_the_air_is_waited_for(fake_vehicle: Any
     pair.fly(5.0)
     assert pair.kinds() == ["alone"]
     assert set(pair.core.may_be_armed(pair.t_s)) == {"real", "twin"}
-    pair.apply(pair.core.bring_down("enough", pair.t_s))
+    pair.apply(pair.core.apply(BringDown("enough"), pair.t_s))
     pair.fly(15.0)
     assert pair.core.phases["real"] is Phase.DOWN
     assert not pair.core.all_down
@@ -117,5 +118,5 @@ def test_a_cause_of_its_own_is_never_decisive_after_the_latch_either(pair: Any) 
 
 
 def test_clocks_that_came_apart_are_of_both(pair: Any) -> None:
-    pair.apply(pair.core.clocks_apart("twin", "its clock left the run clock", pair.t_s))
+    pair.apply(pair.core.apply(ClocksApart("twin", "its clock left the run clock"), pair.t_s))
     assert pair.core.latched == "clock"

@@ -1,3 +1,4 @@
+import math
 from typing import Any
 
 import pytest
@@ -5,6 +6,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.safety.guard.guard_rigs import (
     DRIVER,
+    FENCE,
     GCS,
     abort,
     make_pair,
@@ -13,13 +15,30 @@ from tests.safety.guard.guard_rigs import (
     to_orchestrator,
 )
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.safety.guard.core.events import ToGcs, ToOrchestrator, ToVehicle, decisive
+from wil_campaign.safety.guard.core.commands import (
+    Alive,
+    AnchorAt,
+    BringDown,
+    ClocksApart,
+    CoreMessage,
+    NewFences,
+    Operate,
+    OrchestratorEnded,
+    VehicleGone,
+)
+from wil_campaign.safety.guard.core.events import (
+    EventKind,
+    GuardEvent,
+    ToGcs,
+    ToOrchestrator,
+    ToVehicle,
+    decisive,
+)
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.autopilots.autopilot import Mode, own_heartbeat
 from wil_campaign.vehicles.autopilots.failsafes import OWN_SYSTEM_ID
 from wil_campaign.vehicles.mavlink.codec import Codec
-from wil_campaign.vehicles.poses.anchor import Anchor
 from wil_campaign.worlds.frames import Pose
 
 
@@ -77,7 +96,7 @@ def test_a_breach_answers_in_the_same_call(pair: Any) -> None:
 
 def test_the_guard_speaks_as_the_ground_station_that_the_autopilot_heeds(pair: Any) -> None:
     """ArduPilot heeds the heartbeats, and with SYSID_ENFORCE the commands, of one system only."""
-    outputs = pair.core.command(OperatorCommand("abort", "anna"), pair.t_s)
+    outputs = pair.core.apply(Operate(OperatorCommand("abort", "anna")), pair.t_s)
     frames = [frame for out in outputs if isinstance(out, ToVehicle) for frame in out.frames]
     assert {(frame[5], frame[6]) for frame in frames} == {(OWN_SYSTEM_ID, 191)}
     assert 0 in {frame[7] for frame in frames}, "a heartbeat is among them"
@@ -113,7 +132,7 @@ def test_a_landing_vehicle_is_not_held_to_the_floor(pair: Any) -> None:
 
 def test_a_landing_vehicle_is_held_to_the_sides_of_a_changed_fence(pair: Any) -> None:
     smaller = Fence.box(north_m=(-2, 2), east_m=(-3, 3), up_m=(-1, 6))
-    pair.apply(pair.core.change_fences({"real": smaller}, "anna", pair.t_s))
+    pair.apply(pair.core.apply(NewFences("anna", {"real": smaller}), pair.t_s))
     assert pair.kinds() == ["geofence"]
     to_orchestrator(pair, "real", mode_command(Mode.LAND))
     pair.vehicles["real"].mode = Mode.LAND
@@ -141,7 +160,7 @@ def test_the_estimate_is_a_position_source_once_it_is_anchored(pair: Any) -> Non
     frame = pair.vehicles["real"].codec.pack(message)
     pair.apply(pair.core.from_vehicle("real", frame, pair.t_s + 0.5))
     assert pair.core.latched is None
-    pair.core.anchor("real", Anchor((9.0, 0.0, 0.0)))
+    pair.core.apply(AnchorAt("real", (9.0, 0.0, 0.0), 0.0), 0.0)
     pair.apply(pair.core.from_vehicle("real", frame, pair.t_s + 0.2))
     assert pair.core.latched is None, "who knows better told a position just now"
     pair.apply(pair.core.from_vehicle("real", frame, pair.t_s + 0.5))
@@ -160,7 +179,7 @@ def test_a_position_that_is_not_finite_moves_nothing(pair: Any) -> None:
 
 def test_orchestrator_silence_lands_both_within_half_a_second(pair: Any) -> None:
     def alive() -> None:
-        pair.apply(pair.core.orchestrator_alive(pair.t_s))
+        pair.apply(pair.core.apply(Alive(), pair.t_s))
 
     pair.fly(3.0, each=alive)
     assert not pair.core.latched
@@ -170,7 +189,7 @@ def test_orchestrator_silence_lands_both_within_half_a_second(pair: Any) -> None
     first = pair.vehicles["real"].heard[0]
     assert first[0] - killed_s <= 0.5
     assert pair.core.all_down
-    pair.apply(pair.core.orchestrator_alive(pair.t_s))
+    pair.apply(pair.core.apply(Alive(), pair.t_s))
     assert pair.kinds() == ["silence", "heard"]
     assert to_orchestrator(pair, "real", setpoint()) == ()
 
@@ -194,12 +213,75 @@ def test_a_lost_vehicle_lands_the_other_and_is_commanded_blindly(pair: Any) -> N
 
 
 def test_a_simulator_that_ended_is_reported_and_the_other_vehicle_lands(pair: Any) -> None:
-    pair.apply(pair.core.vehicle_gone("twin", "twin: its simulator ended", pair.t_s))
+    pair.apply(pair.core.apply(VehicleGone("twin", "twin: its simulator ended"), pair.t_s))
     assert pair.core.latched == "lost"
     (event,) = [one for one in pair.events if one.kind == "lost"]
     assert (event.vehicle, event.text) == ("twin", "twin: its simulator ended")
     pair.fly(20.0)
     assert not pair.vehicles["real"].armed
+    assert pair.kinds() == ["lost", "heard"], "its messages still arrive"
+
+
+@pytest.mark.parametrize(
+    ("message", "kind", "vehicle", "text"),
+    [
+        (Operate(OperatorCommand("abort", "anna")), "abort", "", "aborted by anna"),
+        (Operate(OperatorCommand("hold", "anna")), "hold", "", "held by anna"),
+        (BringDown("the twin is late"), "bring_down", "", "the twin is late"),
+        (NewFences("anna", {"twin": FENCE}), "geofence", "", "anna changed the fence of twin"),
+        (VehicleGone("twin", "twin ended"), "lost", "twin", "twin ended"),
+        (ClocksApart("twin", "twin is behind"), "clock", "twin", "twin is behind"),
+        (OrchestratorEnded(), "silence", "", "the orchestrator ended"),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_a_message_is_applied_at_its_time_and_reported_in_its_words(
+    pair: Any, message: CoreMessage, kind: EventKind, vehicle: str, text: str
+) -> None:
+    at_s = pair.t_s + 0.01
+    outputs = pair.core.apply(message, at_s)
+    events = [one for one in outputs if isinstance(one, GuardEvent) and one.kind != "action"]
+    assert events == [GuardEvent(at_s, kind, vehicle, text)]
+
+
+def test_the_guard_reads_no_files_of_fences(pair: Any) -> None:
+    with pytest.raises(ValueError, match="the guard takes parsed fences"):
+        pair.core.apply(Operate(OperatorCommand("geofence", "anna", document="a file")), 1.0)
+
+
+@pytest.mark.parametrize("lands", [True, False])
+def test_the_end_of_the_orchestrator_lands_what_may_be_armed(pair: Any, *, lands: bool) -> None:
+    if not lands:
+        for vehicle in pair.vehicles.values():
+            vehicle.armed = False
+        pair.fly(5.0)
+    pair.apply(pair.core.apply(OrchestratorEnded(), pair.t_s))
+    assert pair.core.latched == ("silence" if lands else None)
+    texts = [event.text for event in pair.events if event.kind == "silence"]
+    assert texts == (["the orchestrator ended"] if lands else [])
+
+
+def test_a_simulator_that_ended_is_not_awaited(pair: Any) -> None:
+    pair.apply(pair.core.apply(VehicleGone("twin", "twin: its simulator ended"), pair.t_s))
+    pair.vehicles["twin"].mute = True
+    pair.fly(20.0)
+    assert pair.core.all_down
+    assert pair.kinds() == ["lost"]
+    assert "LAND" not in pair.vehicles["twin"].words()
+
+
+def test_an_anchor_shifts_and_turns_a_vehicles_estimate(pair: Any) -> None:
+    """Six metres to its east by its own estimate are inside the fence's north side."""
+    pair.blind = True
+    pair.apply(pair.core.apply(AnchorAt("real", (-2.0, 0.0, 0.0), -math.pi / 2), pair.t_s))
+    far = mavlink.MAVLink_local_position_ned_message(0, 50.0, 0, -2, 0, 0, 0)
+    twins = pair.vehicles["twin"].codec.pack(far)
+    pair.apply(pair.core.from_vehicle("twin", twins, pair.t_s + 0.5))
+    for east_m, latched in ((6.0, None), (8.0, "fence")):
+        message = mavlink.MAVLink_local_position_ned_message(0, 0, east_m, -2, 0, 0, 0)
+        frame = pair.vehicles["real"].codec.pack(message)
+        pair.apply(pair.core.from_vehicle("real", frame, pair.t_s + 0.5))
+        assert pair.core.latched == latched
 
 
 def test_a_vehicle_is_received_by_its_own_system_only(pair: Any) -> None:
@@ -214,12 +296,12 @@ def test_a_vehicle_is_received_by_its_own_system_only(pair: Any) -> None:
 
 
 def test_hold_and_resume(pair: Any) -> None:
-    pair.apply(pair.core.command(OperatorCommand("hold", "anna"), pair.t_s))
+    pair.apply(pair.core.apply(Operate(OperatorCommand("hold", "anna")), pair.t_s))
     pair.fly(5.0)
     assert {v.mode for v in pair.vehicles.values()} == {Mode.HOLD}
     assert to_orchestrator(pair, "real", setpoint()) == ()
     assert pair.core.latched is None
-    pair.apply(pair.core.command(OperatorCommand("resume", "anna"), pair.t_s))
+    pair.apply(pair.core.apply(Operate(OperatorCommand("resume", "anna")), pair.t_s))
     assert to_orchestrator(pair, "real", setpoint())
     to_orchestrator(pair, "real", mode_command(Mode.GUIDED))
     pair.fly(5.0)
@@ -230,7 +312,7 @@ def test_hold_and_resume(pair: Any) -> None:
 def test_a_hold_that_is_seen_only_after_the_resume_is_no_failsafe(pair: Any) -> None:
     """Heartbeats come once a second, and a radio is late."""
     for kind in ("hold", "resume"):
-        pair.apply(pair.core.command(OperatorCommand(kind, "anna"), pair.t_s))
+        pair.apply(pair.core.apply(Operate(OperatorCommand(kind, "anna")), pair.t_s))
     pair.fly(2.0)
     assert {v.mode for v in pair.vehicles.values()} == {Mode.HOLD}
     assert (pair.core.latched, pair.kinds()) == (None, ["hold", "resume"])
@@ -245,7 +327,7 @@ def test_a_hold_that_is_seen_only_after_the_resume_is_no_failsafe(pair: Any) -> 
 @pytest.mark.parametrize("mode", [Mode.LAND, Mode.RTL])
 def test_a_failsafe_right_after_a_resume_is_seen(pair: Any, mode: Mode) -> None:
     for kind in ("hold", "resume"):
-        pair.apply(pair.core.command(OperatorCommand(kind, "anna"), pair.t_s))
+        pair.apply(pair.core.apply(Operate(OperatorCommand(kind, "anna")), pair.t_s))
     pair.vehicles["real"].mode = mode
     pair.fly(1.1)
     assert pair.core.latched == "failsafe"
@@ -257,7 +339,7 @@ def test_a_failsafe_of_a_held_vehicle_is_supervised_not_fought(
     pair: Any, name: str, mode: Mode
 ) -> None:
     """real is a PX4, twin an ArduCopter, which starts such a failsafe only once."""
-    pair.apply(pair.core.command(OperatorCommand("hold", "anna"), pair.t_s))
+    pair.apply(pair.core.apply(Operate(OperatorCommand("hold", "anna")), pair.t_s))
     pair.fly(5.0)
     held = pair.vehicles[name]
     held.mode, held.critical, held.north_m_s = mode, True, -0.5
@@ -278,7 +360,7 @@ def test_a_landing_requested_before_the_hold_may_be_seen_after_it(pair: Any, nam
     autopilot, target = vehicle.autopilot, vehicle.target
     vehicle.ignores = frozenset({Mode.HOLD})
     to_orchestrator(pair, name, DRIVER.pack(autopilot.set_mode(target, Mode.LAND)))
-    pair.apply(pair.core.command(OperatorCommand("hold", "anna"), pair.t_s))
+    pair.apply(pair.core.apply(Operate(OperatorCommand("hold", "anna")), pair.t_s))
     pair.fly(0.2)
     assert pair.core.latched is None
     vehicle.ignores = frozenset()
@@ -288,10 +370,10 @@ def test_a_landing_requested_before_the_hold_may_be_seen_after_it(pair: Any, nam
 
 
 def test_abort_wins_over_hold_and_nothing_resumes_it(pair: Any) -> None:
-    pair.apply(pair.core.command(OperatorCommand("hold", "anna"), pair.t_s))
+    pair.apply(pair.core.apply(Operate(OperatorCommand("hold", "anna")), pair.t_s))
     pair.fly(1.0)
     abort(pair)
-    pair.apply(pair.core.command(OperatorCommand("resume", "anna"), pair.t_s))
+    pair.apply(pair.core.apply(Operate(OperatorCommand("resume", "anna")), pair.t_s))
     assert to_orchestrator(pair, "real", setpoint()) == ()
     pair.fly(20.0)
     assert pair.core.all_down
@@ -301,13 +383,13 @@ def test_abort_wins_over_hold_and_nothing_resumes_it(pair: Any) -> None:
 def test_a_hold_after_an_abort_is_refused(pair: Any) -> None:
     abort(pair)
     for kind in ("hold", "resume"):
-        pair.apply(pair.core.command(OperatorCommand(kind, "anna"), pair.t_s))
+        pair.apply(pair.core.apply(Operate(OperatorCommand(kind, "anna")), pair.t_s))
     assert pair.kinds() == ["abort", "refused", "refused"]
     assert not pair.core.paused
 
 
 def test_a_resume_of_nothing_is_refused(pair: Any) -> None:
-    pair.apply(pair.core.command(OperatorCommand("resume", "anna"), pair.t_s))
+    pair.apply(pair.core.apply(Operate(OperatorCommand("resume", "anna")), pair.t_s))
     assert pair.kinds() == ["refused"]
 
 

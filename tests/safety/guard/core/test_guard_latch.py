@@ -13,6 +13,7 @@ from tests.safety.guard.guard_rigs import (
     setpoint,
     to_orchestrator,
 )
+from wil_campaign.safety.guard.core.commands import BringDown, Operate
 from wil_campaign.safety.guard.core.contingency import Phase
 from wil_campaign.safety.guard.core.events import GuardEvent, ToVehicle, decisive
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
@@ -37,7 +38,7 @@ def test_abort_brings_both_down_in_order(pair: Any) -> None:
 
 
 def test_the_frames_that_brake_come_before_all_words(pair: Any) -> None:
-    outputs = pair.core.command(OperatorCommand("abort", "anna"), 2.0)
+    outputs = pair.core.apply(Operate(OperatorCommand("abort", "anna")), 2.0)
     assert isinstance(outputs[0], ToVehicle)
     assert isinstance(outputs[-1], GuardEvent)
 
@@ -46,8 +47,8 @@ def test_the_latch_is_idempotent_and_names_its_first_cause(pair: Any) -> None:
     abort(pair)
     before = [len(v.heard) for v in pair.vehicles.values()]
     abort(pair, "ben")
-    pair.apply(pair.core.bring_down("the other failed", pair.t_s))
-    pair.apply(pair.core.bring_down("again", pair.t_s))
+    pair.apply(pair.core.apply(BringDown("the other failed"), pair.t_s))
+    pair.apply(pair.core.apply(BringDown("again"), pair.t_s))
     assert [len(v.heard) for v in pair.vehicles.values()] == before
     assert pair.core.latched == "abort"
     assert pair.kinds() == ["abort", "bring_down"]
@@ -181,7 +182,7 @@ def test_fence_and_parameters_are_restored_once_all_are_down(pair: Any, frame: b
 def test_a_held_vehicle_may_be_given_a_fence_and_nothing_that_moves_it(
     pair: Any, frame: bytes
 ) -> None:
-    pair.apply(pair.core.command(OperatorCommand("hold", "anna"), pair.t_s))
+    pair.apply(pair.core.apply(Operate(OperatorCommand("hold", "anna")), pair.t_s))
     assert to_orchestrator(pair, "real", frame) == (frame,)
     for moving in (setpoint(), mode_command(Mode.GUIDED)):
         assert to_orchestrator(pair, "real", moving) == ()

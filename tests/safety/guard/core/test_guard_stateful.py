@@ -13,6 +13,7 @@ from hypothesis.stateful import (
 )
 
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.commands import Alive, BringDown, Operate
 from wil_campaign.safety.guard.core.contingency import Phase
 from wil_campaign.safety.guard.core.events import GuardedVehicle, ToVehicle
 from wil_campaign.safety.guard.core.guard_core import GuardCore
@@ -91,15 +92,15 @@ class Guarded(RuleBasedStateMachine):
 
     @rule(kind=st.sampled_from(["abort", "hold", "resume"]))
     def operator(self, kind: Any) -> None:
-        self.rig.apply(self.rig.core.command(OperatorCommand(kind, "anna"), self.rig.t_s))
+        self.rig.apply(self.rig.core.apply(Operate(OperatorCommand(kind, "anna")), self.rig.t_s))
 
     @rule()
     def bring_down(self) -> None:
-        self.rig.apply(self.rig.core.bring_down("because", self.rig.t_s))
+        self.rig.apply(self.rig.core.apply(BringDown("because"), self.rig.t_s))
 
     @rule()
     def alive(self) -> None:
-        self.rig.apply(self.rig.core.orchestrator_alive(self.rig.t_s))
+        self.rig.apply(self.rig.core.apply(Alive(), self.rig.t_s))
 
     @rule(name=names, speed=st.sampled_from([-2.0, 0.0, 0.7, 4.0]))
     def drift(self, name: str, speed: float) -> None:
@@ -146,7 +147,7 @@ class Guarded(RuleBasedStateMachine):
         """From any state: both come down, once they hear and sink again."""
         rig = self.rig
         since_s = rig.t_s
-        rig.apply(rig.core.command(OperatorCommand("abort", "anna"), rig.t_s))
+        rig.apply(rig.core.apply(Operate(OperatorCommand("abort", "anna")), rig.t_s))
         for vehicle in rig.vehicles.values():
             vehicle.mute = vehicle.deaf = vehicle.stuck = False
         while rig.t_s < since_s + 150.0 and not self.settled():

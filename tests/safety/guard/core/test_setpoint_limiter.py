@@ -13,6 +13,7 @@ from tests.safety.guard.guard_rigs import DRIVER
 from wil_campaign.safety.fence.areas import Circle
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.fence.stopping import Motion
+from wil_campaign.safety.guard.core.commands import AnchorAt
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardEvent, ToVehicle
 from wil_campaign.safety.guard.core.guard_core import GuardCore
 from wil_campaign.safety.guard.core.setpoint_frames import read_setpoint, rewritten
@@ -294,7 +295,7 @@ def test_each_spell_of_limiting_is_reported_at_its_begin_and_end() -> None:
 
 def test_the_anchor_says_where_the_vehicle_s_north_is() -> None:
     core = make_core(inside_fence=True)
-    core.anchor("real", Anchor((0.0, 0.0, 0.0), math.pi))
+    core.apply(AnchorAt("real", (0.0, 0.0, 0.0), math.pi), 0.0)
     core.position(PoseSample(0.0, "real", Pose((4.0, 0.0, -2.0)), STANDING))
     towards, away = (velocity_frame(Px4(), (v, 0.0, 0.0)) for v in (-3.0, 2.0))
     (north,) = passed(core, towards, 0.1)

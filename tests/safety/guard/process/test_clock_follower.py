@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.foundation.clocks.sim_clock_controller import STEP_S, Segment
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.safety.guard.core.commands import ClocksApart, Trouble, VehicleGone
 from wil_campaign.safety.guard.process.run_clock import PaceSetup
 from wil_campaign.safety.guard.process.run_clock_factory import ClockFollower, boot_s_of
 from wil_campaign.vehicles.links.memory import memory_pair
@@ -52,19 +53,19 @@ async def flown(
     for_s: float,
     lead: str = "real",
     told: dict[str, list[float]] | None = None,
-) -> tuple[Wall, list[tuple[str, str, str]], ClockFollower]:
+) -> tuple[Wall, list[Trouble], ClockFollower]:
     """Fly simulators whose rates at each second of the wall's are given.
 
     told: takes the paces that simulations are told, by those that heed them.
     """
-    wall, said = Wall(), list[tuple[str, str, str]]()
+    wall, said = Wall(), list[Trouble]()
     following = ClockFollower(
         setup=PaceSetup(nominal=5.0, leader=lead, launched=("real", "twin")),
         leader=lead,
         systems={"real": 1, "twin": 2},
         loop=wall,
         publish=lambda _: None,
-        trouble=lambda *words: said.append(words),
+        trouble=said.append,
         pace_frames={name: lambda pace: struct.pack("<d", pace) for name in told or ()},
         wall=lambda: wall.now_s,
     )
@@ -106,17 +107,19 @@ def test_the_clock_goes_as_fast_as_the_leader_and_says_how_fast() -> None:
 
 def test_a_leader_that_hangs_ends_the_run_and_time_goes_on() -> None:
     wall, said, _ = run_virtual(flown({"real": lambda s: 5.0 if s < 4.0 else 0.0}, for_s=12.0))
-    ((name, trouble, text),) = said
-    assert (name, trouble) == ("real", "stalled")
-    assert "the simulation of real hangs: its time has not advanced for 5 s" in text
+    (trouble,) = said
+    assert (type(trouble), trouble.vehicle) == (VehicleGone, "real")
+    assert "the simulation of real hangs: its time has not advanced for 5 s" in trouble.text
     assert wall.segment.rate == pytest.approx(5.0, rel=0.05)
 
 
 def test_a_pair_that_attains_different_rates_is_reported() -> None:
     _, said, _ = run_virtual(flown({"real": lambda _: 5.0, "twin": lambda _: 4.5}, for_s=12.0))
-    ((name, trouble, text),) = said
-    assert (name, trouble) == ("twin", "apart")
-    assert "behind that of real: asked for 5 times real time they attain 4.5 and 5.0" in text
+    (trouble,) = said
+    assert (type(trouble), trouble.vehicle) == (ClocksApart, "twin")
+    assert (
+        "behind that of real: asked for 5 times real time they attain 4.5 and 5.0" in trouble.text
+    )
 
 
 @pytest.mark.parametrize("heeds", ["real", "twin"])
@@ -147,8 +150,9 @@ def test_a_twin_that_heeds_a_pace_keeps_the_time_of_the_leader() -> None:
 def test_a_leader_that_waits_leaves_a_twin_that_does_not() -> None:
     hesitates = {"real": lambda s: 0.0 if 5.0 < s < 7.0 else 5.0, "twin": lambda _: 5.0}
     _, said, _ = run_virtual(flown(hesitates, for_s=12.0))
-    assert [(name, trouble) for name, trouble, _ in said] == [("twin", "apart")]
-    assert "ahead of" in said[0][2]
+    (trouble,) = said
+    assert (type(trouble), trouble.vehicle) == (ClocksApart, "twin")
+    assert "ahead of" in trouble.text
 
 
 def test_a_vehicle_that_is_not_ours_sets_no_clock() -> None:

@@ -2,24 +2,39 @@
 
 import asyncio
 import math
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
 from tests.safety.guard.remote_rigs import guard_config
-from wil_campaign.foundation.processes.codec import Message
+from wil_campaign.foundation.processes.codec import Message, MessageError
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.commands import (
+    Alive,
+    AnchorAt,
+    BringDown,
+    ClocksApart,
+    Command,
+    NewFences,
+    Operate,
+    OrchestratorEnded,
+    StartOutage,
+    VehicleGone,
+)
 from wil_campaign.safety.guard.core.events import EventKind, GuardEvent
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.process.channel import Channel, channel_pair
+from wil_campaign.safety.guard.process.guard_process import GuardProcess
+from wil_campaign.safety.guard.process.lockstep_clock import ORCHESTRATOR
 from wil_campaign.safety.guard.process.messages import (
-    Alive,
     Bytes,
     EventMessage,
-    Operate,
     Position,
+    Reached,
     ToGuard,
     to_guard,
 )
@@ -173,11 +188,21 @@ def test_a_fence_changed_in_flight_counts_beside_the_old_one(
 ) -> None:
     guard, channel = remote
     small = Fence.box(north_m=(-1, 1), east_m=(-1, 1), up_m=(-1, 6))
-    guard.change_fences({"real": small}, "anna")
+    guard.send(NewFences("anna", {"real": small}))
     channel.at_once.clear()
     for north_m in (2.0, 0.0, 6.0):
         guard.position(PoseSample(1.0, "real", Pose((north_m, 0.0, -1.0)), AT_REST))
     assert len(channel.at_once) == 2
+    assert len(channel.waiting) == 1
+
+
+def test_a_fence_that_is_only_proposed_makes_no_position_urgent(
+    remote: tuple[RemoteGuard, Noted],
+) -> None:
+    guard, channel = remote
+    small = Fence.box(north_m=(-1, 1), east_m=(-1, 1), up_m=(-1, 6))
+    guard.send(NewFences("anna", {"real": small}, proposed=True))
+    guard.position(PoseSample(1.0, "real", Pose((2.0, 0.0, -1.0)), AT_REST))
     assert len(channel.waiting) == 1
 
 
@@ -194,8 +219,8 @@ def test_a_fence_counts_until_the_guard_has_refused_it(
 ) -> None:
     guard, channel = remote
     small = Fence.box(north_m=(-1, 1), east_m=(-1, 1), up_m=(-1, 6))
-    guard.propose_fences({"real": small}, "anna")
-    guard.change_fences({"real": small}, "anna")
+    guard.send(NewFences("anna", {"real": small}, proposed=True))
+    guard.send(NewFences("anna", {"real": small}))
     guard._take(EventMessage(GuardEvent(1.0, "proposed", "", "")))
     guard._take(EventMessage(GuardEvent(1.0, kind, "", text)))
     channel.at_once.clear()
@@ -203,6 +228,157 @@ def test_a_fence_counts_until_the_guard_has_refused_it(
         guard.position(PoseSample(1.0, "real", Pose((north_m, 0.0, -1.0)), AT_REST))
     sent = [one.position_ned_m[0] for one in channel.at_once if isinstance(one, Position)]
     assert sent == at_once
+
+
+SMALL = {"real": Fence.box(north_m=(-1, 1), east_m=(-1, 1), up_m=(-1, 6))}
+COMMANDS: tuple[Command, ...] = (
+    Alive(),
+    Operate(OperatorCommand("hold", "anna", run="large/wil/1")),
+    BringDown("the flight is over"),
+    NewFences("anna", SMALL),
+    NewFences("bert", SMALL, proposed=True),
+    AnchorAt("twin", (1.0, 2.0, 3.0), 0.5),
+    StartOutage("twin", 4.0),
+)
+NOT_FOR_A_GUARD: tuple[Command, ...] = (
+    Operate(OperatorCommand("geofence", "anna", document="a file")),
+    NewFences("anna", {**SMALL, "nobody": SMALL["real"]}),
+    AnchorAt("nobody", (0.0, 0.0, 0.0), 0.0),
+    StartOutage("nobody", 1.0),
+)
+
+
+class Wired:
+    """A remote guard and the process of a guard; the bytes of the one go to the other at once."""
+
+    def __init__(self, folder: Path) -> None:
+        ours, self._theirs = channel_pair()
+        remote: Any = RemoteGuard(guard_config=guard_config(folder))
+        process: Any = GuardProcess(end=ours, lifeline=-1)
+        self.remote, self.process = remote, process
+        self.executed: list[object] = []
+        self.notes: list[str] = []
+        self.waited: list[type] = []
+        remote._channel = self
+        process._guard = SimpleNamespace(send=self.executed.append)
+        process._names, process._links = ("real", "twin"), [object(), object()]
+        process._note = lambda event, text: self.notes.append(f"{event}: {text}")
+
+    def send(self, message: Message) -> None:
+        for received in to_guard.decode(to_guard.encode([message])):
+            self.process._take(received)
+
+    def send_soon(self, message: Message, *, key: object, within_s: float) -> None:
+        assert within_s <= 0.1
+        self.waited.append(type(message))
+        self.send(message)
+
+    def close(self) -> None:
+        self.process._channel.close()
+        self._theirs.close()
+
+
+@pytest.fixture
+def wired(tmp_path: Path) -> Iterator[Wired]:
+    made = Wired(tmp_path)
+    yield made
+    made.close()
+
+
+def test_the_commands_here_are_all_that_there_are() -> None:
+    assert {type(command) for command in COMMANDS} == set(get_args(Command))
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: type(command).__name__)
+def test_a_command_is_executed_by_the_guards_process_as_it_was_sent(
+    wired: Wired, command: Command
+) -> None:
+    wired.process._statuses_unanswered = 9
+    wired.remote.send(command)
+    (executed,) = wired.executed
+    assert to_guard.encode([executed]) == to_guard.encode([command])
+    assert wired.process._statuses_unanswered == 0
+    assert wired.notes == []
+    assert wired.waited == [type(command)] * isinstance(command, Alive), "no other command waits"
+
+
+@pytest.mark.parametrize("command", NOT_FOR_A_GUARD, ids=lambda command: type(command).__name__)
+def test_a_command_for_others_is_noted_and_not_executed(wired: Wired, command: Command) -> None:
+    wired.remote.send(command)
+    assert wired.executed == []
+    assert wired.notes == [f"refused: {type(command).__name__} is not expected in this state"]
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: type(command).__name__)
+def test_a_guard_that_has_not_opened_its_links_executes_nothing(
+    wired: Wired, command: Command
+) -> None:
+    wired.process._links = []
+    wired.remote.send(command)
+    assert wired.executed == []
+    assert len(wired.notes) == 1
+
+
+def test_the_guards_process_tells_its_clock_how_far_the_orchestrator_is(wired: Wired) -> None:
+    reached: list[tuple[str, float]] = []
+    wired.send(Reached(1.0))
+    wired.process._clock = SimpleNamespace(reached=lambda *row: reached.append(row))
+    wired.send(Reached(2.0))
+    assert reached == [(ORCHESTRATOR, 2.0)]
+    assert len(wired.notes) == 1
+
+
+@pytest.mark.parametrize(
+    "message",
+    [OrchestratorEnded(), VehicleGone("twin", ""), ClocksApart("twin", "")],
+    ids=lambda command: type(command).__name__,
+)
+def test_what_a_guards_process_finds_itself_comes_from_no_orchestrator(message: Message) -> None:
+    with pytest.raises(MessageError):
+        to_guard.decode(to_guard.encode([message]))
+
+
+@pytest.mark.parametrize("ending", [False, True])
+def test_the_end_of_a_vehicles_process_is_the_guards_matter_until_all_end(
+    wired: Wired, *, ending: bool
+) -> None:
+    wired.process._ending = ending
+    wired.process._note = lambda *_, **__: None
+    wired.process._child_ended("twin", SimpleNamespace(exit_code=3, stderr_tail=""))
+    gone = VehicleGone("twin", "twin ended: its process ended with exit code 3")
+    assert wired.executed == ([] if ending else [gone])
+
+
+async def test_a_guard_without_its_orchestrator_lands_all_before_it_ends(wired: Wired) -> None:
+    busy = iter([("real",), ()])
+
+    def may_be_armed(_: float) -> tuple[str, ...]:
+        assert wired.executed == [OrchestratorEnded()]
+        return next(busy)
+
+    wired.process._guard.core = SimpleNamespace(may_be_armed=may_be_armed)
+    wired.process._guard_config = SimpleNamespace(patience_s=60.0)
+    await wired.process._last()
+    assert next(busy, None) is None
+
+
+@pytest.mark.parametrize(
+    ("armed", "latched", "lives"),
+    [((), None, [Alive()]), (("real",), None, []), ((), "abort", [])],
+)
+async def test_a_silent_orchestrator_does_no_harm_on_the_ground(
+    wired: Wired, armed: tuple[str, ...], latched: str | None, lives: list[Command]
+) -> None:
+    guard = wired.process._guard
+    guard.core = SimpleNamespace(
+        may_be_armed=lambda _: armed, latched=latched, all_down=False, phases={}
+    )
+    guard.started_s = 0.0
+    wired.process._guard_config = SimpleNamespace(patience_s=60.0)
+    wired.process._loop = asyncio.get_running_loop()
+    wired.process._send_status()
+    wired.process._status_timer.cancel()
+    assert wired.executed == lives
 
 
 async def test_messages_of_a_closed_end_are_read_before_the_channel_is_closed() -> None:

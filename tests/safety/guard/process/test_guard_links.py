@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from tests.ports import free_port
 from tests.safety.guard.remote_rigs import ROOT, RemoteFlight, guard_config, until
+from wil_campaign.safety.guard.core.commands import BringDown, StartOutage
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
 from wil_campaign.safety.guard.process.guard_config import GuardConfig, GuardConfigError, Guarded
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
@@ -52,14 +53,14 @@ async def test_one_link_goes_dark_for_a_while_and_the_other_does_not(tmp_path: P
     conditions = LinkConditions(outgoing=late, incoming=late, has_later_outage=True)
     settings = GuardSettings(orchestrator_silent_s=5.0, vehicle_lost_s=30.0)
     async with RemoteFlight(tmp_path, conditions=conditions, settings=settings) as flight:
-        flight.guard.start_outage("real", 6.0)
+        flight.guard.send(StartOutage("real", 6.0))
         # Meanwhile the guard has begun it, and what was under way has come.
         await until(more_of_the_twin(flight))
         dark = flight.heard["real"]
         await until(more_of_the_twin(flight))
         assert flight.heard["real"] == dark
         await until(lambda: flight.heard["real"] > dark)
-        flight.guard.bring_down("done")
+        flight.guard.send(BringDown("done"))
         assert await flight.guard.all_down(60.0)
 
 

@@ -31,6 +31,7 @@ from tests.safety.guard.remote_rigs import (
 from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.plugins.doctor.machine import granted_to_guard
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.commands import AnchorAt, BringDown, NewFences, Operate
 from wil_campaign.safety.guard.core.contingency import Phase
 from wil_campaign.safety.guard.core.events import GuardEvent, decisive
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
@@ -38,7 +39,6 @@ from wil_campaign.safety.guard.operator.operator_socket import POINTER
 from wil_campaign.safety.guard.process import guard_process, guard_stderr
 from wil_campaign.safety.guard.process.guard_process import GuardProcess
 from wil_campaign.safety.guard.process.guard_stderr import logging_in_thread
-from wil_campaign.safety.guard.process.messages import AnchorAt
 from wil_campaign.safety.guard.process.orphaned_processes import reap_orphans, records
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
 from wil_campaign.safety.guard.process.runtime_folder import open_runtime_folder
@@ -108,7 +108,7 @@ async def test_frames_pass_both_ways_and_are_logged(folder: Path) -> None:
         assert is_first == (opened["scheduling"] == "real-time")
         assert (locked_kb(flight.guard.pid) > 10_000) == opened["in_memory"]
         assert all(locked_kb(pid) == 0 for pid in flight.pids.values())
-        flight.guard.bring_down("done")
+        flight.guard.send(BringDown("done"))
         assert await flight.guard.all_down(60.0)
         assert flight.guard.phases == {"real": Phase.DOWN, "twin": Phase.DOWN}
     assert gone(flight.guard.pid)
@@ -150,7 +150,7 @@ async def test_fences_are_changed_in_flight_all_or_none(folder: Path) -> None:
         ):
             for name in ("real", "twin"):
                 flight.place(name, 0.0)
-            flight.guard.change_fences(fences, "anna")
+            flight.guard.send(NewFences("anna", fences))
             await until(partial(_last_is, flight, kind))
         flight.place("real", 4.0)
         flight.place("real", 8.0)
@@ -210,7 +210,7 @@ async def test_a_killed_guard_leaves_the_landing_to_the_autopilots(folder: Path)
         assert await flight.guard.at_rest(30.0)
         assert not any(map(gone, flight.pids.values()))
         assert all(flight.heard[name] > heard[name] for name in heard)
-        flight.guard.command(OperatorCommand("abort", "nobody hears this"))
+        flight.guard.send(Operate(OperatorCommand("abort", "nobody hears this")))
     assert all(map(gone, flight.pids.values()))
     for name in ("real", "twin"):
         assert "FAILSAFE" in [word for _, word in words(folder, name)]
@@ -316,7 +316,7 @@ async def test_a_log_that_cannot_be_written_is_an_error_and_the_guard_goes_on(fo
             ("ERROR", "guard.record/real"),
             ("ERROR", "guard.record/twin"),
         }
-        flight.guard.bring_down("done")
+        flight.guard.send(BringDown("done"))
         assert await flight.guard.all_down(60.0)
     assert flight.kinds().count("record") == 2
 
@@ -358,9 +358,9 @@ async def test_an_exception_in_the_guard_brings_down_before_anything_is_read_or_
     """The lines of a traceback are read from a disk that may stand still."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     process: Any = GuardProcess(end=theirs, lifeline=-1)
-    done: list[str] = []
+    done: list[object] = []
     process._guarding = True
-    process._shell = SimpleNamespace(bring_down=done.append)
+    process._guard = SimpleNamespace(send=done.append)
     monkeypatch.setattr(process, "_event", lambda event: done.append(event.kind))
 
     def read(_: BaseException) -> list[str]:
@@ -369,12 +369,12 @@ async def test_an_exception_in_the_guard_brings_down_before_anything_is_read_or_
 
     monkeypatch.setattr(guard_process, "format_exception", read)
     process._fault(KeyError("of ours"), "a task")
-    assert done == ["guard", "in the guard: KeyError: 'of ours'", "read"]
+    assert done == ["guard", BringDown("in the guard: KeyError: 'of ours'"), "read"]
 
-    def broken(_: str) -> None:
+    def broken(_: BringDown) -> None:
         raise ValueError("of its core")
 
-    process._shell = SimpleNamespace(bring_down=broken)
+    process._guard = SimpleNamespace(send=broken)
     with pytest.raises(ValueError, match="of its core"):
         process._fault(KeyError("once more"), "a task")
     assert done[3:] == ["guard", "read"]
@@ -449,7 +449,7 @@ async def test_a_log_whose_end_cannot_be_written_is_reported_once(
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     process: Any = GuardProcess(end=theirs, lifeline=-1)
     before = GuardEvent(1.0, "record", "real" if known else "twin", "the recording ended early")
-    process._shell = SimpleNamespace(events=[before])
+    process._guard = SimpleNamespace(events=[before])
     reported: list[GuardEvent] = []
     monkeypatch.setattr(process, "_event", reported.append)
     process._close_tlog("real", FullLog())

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from wil_campaign.foundation.clocks.lockstep import LEAD_S
 from wil_campaign.foundation.clocks.paced_loop import PacedLoop
 from wil_campaign.foundation.clocks.sim_clock_controller import STALL_S, STEP_S, Segment
+from wil_campaign.safety.guard.core.commands import Trouble, VehicleGone
 from wil_campaign.safety.guard.process.lockstep_clock import HURRY_S, ORCHESTRATOR, LockstepClock
 from wil_campaign.safety.guard.process.run_clock import PaceSetup
 
@@ -17,15 +18,14 @@ class Wall:
         self.loop = loop
         self.began_s = self.now_s = loop.time()
         self.published: list[Segment] = []
-        self.troubles: list[tuple[str, str]] = []
-        self.texts: list[str] = []
+        self.troubles: list[Trouble] = []
         self.took_over = False
         self.step: Callable[[], object] = lambda: None
         self.clock = LockstepClock(
             setup=PaceSetup(nominal=4.0, followers=("real", "twin")),
             loop=self.loop,
             publish=self.published.append,
-            trouble=self._trouble,
+            trouble=self.troubles.append,
             took_over=lambda: self.took_over,
             wall=lambda: self.now_s,
         )
@@ -39,10 +39,6 @@ class Wall:
     def _later(self, delay_s: float, callback: Callable[[], object]) -> asyncio.Handle:
         self.step = callback
         return asyncio.Handle(callback, (), self.loop)
-
-    def _trouble(self, name: str, trouble: str, text: str) -> None:
-        self.troubles.append((name, trouble))
-        self.texts.append(text)
 
     def steps(self, for_s: float, **late_by_s: float) -> None:
         """Have time pass in which all report but those that are late by so much and more."""
@@ -75,12 +71,14 @@ def test_a_vehicle_that_hangs_is_reported_once_and_waited_for_no_more() -> None:
         assert wall.end_s - gone_s <= LEAD_S + 1e-6
         assert wall.troubles == []
         wall.steps(1.0, twin=1.0)
-        assert wall.troubles == [("twin", "stalled")]
-        assert "the simulation of twin hangs: its time has not advanced for 5 s" in wall.texts[0]
+        text = "the simulation of twin hangs: its time has not advanced for 5 s; the simulator "
+        assert wall.troubles == [VehicleGone("twin", f"{text}hangs or was stopped")]
         gone_s = wall.end_s
         wall.steps(STALL_S + 1.0, twin=1.0)
         assert wall.end_s - gone_s > 100 * LEAD_S
         assert len(wall.troubles) == 1
+        wall.steps(STALL_S + 1.0, twin=1.0, real=1.0)
+        assert [one.vehicle for one in wall.troubles] == ["twin", "real"]
 
     led(test)
 

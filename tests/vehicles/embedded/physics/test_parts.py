@@ -207,6 +207,23 @@ def test_all_profiles_are_there_and_say_why() -> None:
         assert numbers > 5
 
 
+def test_a_profile_takes_the_rest_from_its_base(tmp_path: Path) -> None:
+    path = tmp_path / "own.yaml"
+    head = "schema: wil/profile/1\ndescription: mine\nbase: cage\n"
+    path.write_text(f"{head}airframe: {{mass_kg: 0.7}}\nbattery: {{full_v: 9}}\n")
+    own, cage = load_profile(path), load_profile("cage")
+    assert own.airframe is not None
+    assert (own.airframe.mass_kg, own.airframe.arm_m) == (0.7, 0.175)
+    assert own.battery == cage.battery.model_copy(update={"full_v": 9.0})
+    assert own.estimator == cage.estimator
+    path.write_text(head.replace("cage", "caeg"))
+    with pytest.raises(BadInput, match=r"own\.yaml:3:7: 'caeg' is no profile .* mean 'cage'"):
+        load_profile(path)
+    path.write_text(f"{head}battery: {{ful_v: 9}}\n")
+    with pytest.raises(BadInput, match=r"own\.yaml:4:11: unknown key 'ful_v'"):
+        load_profile(path)
+
+
 def test_a_wrong_profile_is_reported_at_the_place_of_each_fault(tmp_path: Path) -> None:
     with pytest.raises(ProfileError, match="there are ardupilot-sitl, cage, nominal") as unknown:
         load_profile("caeg")

@@ -11,6 +11,7 @@ import pytest
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.vehicles.readings import (
     CameraReading,
+    DepthReading,
     GpsReading,
     ImuReading,
     LidarScanReading,
@@ -213,6 +214,30 @@ def test_images_that_stay_while_the_vehicle_moves_or_turns_are_frozen() -> None:
         fault = turning.take(image(0.1 * k, picture), turned)
         assert (fault is not None) is (k >= 9)
         assert hovering.take(image(0.1 * k, picture), at(0.02 * (k % 2))) is None
+
+
+def seen(t_s: float, depth_m: Any) -> DepthReading:
+    lens = Intrinsics.from_fov(16, 12, 1.2)
+    image = np.full((12, 16), depth_m, np.float32)
+    return DepthReading(t_s, t_s, 0, "real", image, lens, rendered=False)
+
+
+def test_depth_that_stays_while_the_vehicle_moves_or_turns_is_frozen() -> None:
+    going, turning, blind = FrozenReadings(), FrozenReadings(), FrozenReadings()
+    for k in range(12):
+        turned = Pose.of(0.0, 0.0, -1.0, yaw_rad=math.radians(3.0 * k))
+        assert (going.take(seen(0.1 * k, 2.0), at(0.06 * k)) is not None) is (k >= 9)
+        assert (turning.take(seen(0.1 * k, 2.0), turned) is not None) is (k >= 9)
+        assert blind.take(seen(0.1 * k, math.inf), at(0.3 * k)) is None, "nothing came back"
+
+
+def test_at_rest_depth_in_millimetres_or_in_a_thousandth_shows() -> None:
+    def fault(depth_m: float) -> str:
+        return rest_fault(seen(0.0, depth_m), pose=at(0.0, 0.0), frame=ZURICH) or ""
+
+    assert [fault(depth_m) for depth_m in (0.2, 60.0, math.inf)] == [""] * 3
+    assert "above 1500 m: its unit is wrong" in fault(1500.0)
+    assert "below 0.0015 m: its unit is wrong" in fault(0.0015)
 
 
 def test_a_camera_with_noise_or_that_sends_each_image_twice_is_not_frozen() -> None:

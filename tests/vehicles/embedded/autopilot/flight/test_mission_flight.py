@@ -14,6 +14,7 @@ from tests.vehicles.embedded.autopilot.services.test_missions import BOTH, item,
 Scenario = Callable[[Any], Any]
 ARM, MODE, START = 400, 176, 300
 WAYPOINT, TAKEOFF, LAND, JUMP, SPEED = 16, 22, 21, 177, 178
+TURNS, SPLINE = 18, 82
 
 
 def at(r: Any, north_m: float, east_m: float) -> dict[str, int]:
@@ -213,5 +214,60 @@ def test_an_item_in_floats_that_is_no_place(rig: Any, virtually: Scenario, autop
             r.send(item(0, 16, 0, **PLACE))
             await asyncio.sleep(0.1)
             assert r.last["MISSION_ACK"].type == mavlink.MAV_MISSION_ERROR
+
+    virtually(scenario())
+
+
+def test_arducopter_stays_for_the_time_of_its_turns_and_goes_by_its_splines(
+    rig: Any, virtually: Scenario
+) -> None:
+    async def scenario() -> None:
+        async with rig(autopilot="ardupilot") as r:
+            await ready(r)
+            items = mission(
+                r,
+                item(0, TAKEOFF, 0, z=3.0),
+                item(0, TURNS, 0, z=3.0, params=(2.0, 0.0, 0.0, 0.0), **at(r, 4.0, 0.0)),
+                item(0, SPLINE, 0, z=3.0, **at(r, 4.0, 6.0)),
+                item(0, LAND, 0),
+            )
+            assert await upload(r, 0, items) == 0
+            await begin(r)
+            await r.until(lambda: 1 in [m.seq for m in r.of("MISSION_ITEM_REACHED")])
+            await r.until(lambda: math.hypot(*there(r, 4.0, 0.0)) < 0.5)
+            took_s = await r.until(lambda: 2 in [m.seq for m in r.of("MISSION_ITEM_REACHED")])
+            assert took_s == pytest.approx(36.0, abs=3.0)
+            await r.until(lambda: 3 in [m.seq for m in r.of("MISSION_ITEM_REACHED")])
+            assert math.hypot(*there(r, 4.0, 6.0)) < 2.5
+
+    virtually(scenario())
+
+
+def there(r: Any, north_m: float, east_m: float) -> tuple[float, float]:
+    """Return how far the vehicle is from a place, north and east."""
+    north, east, _ = r.vehicle.truth().pose.position_ned_m
+    return north - north_m, east - east_m
+
+
+@BOTH
+def test_a_mission_that_is_uploaded_in_flight_does_not_change_the_one_that_is_flown(
+    rig: Any, virtually: Scenario, autopilot: str
+) -> None:
+    async def scenario() -> None:
+        async with rig(autopilot=autopilot) as r:
+            await ready(r)
+            first = mission(
+                r,
+                item(0, TAKEOFF, 0, z=3.0),
+                item(0, WAYPOINT, 0, z=3.0, **at(r, 15.0, 0.0)),
+                item(0, LAND, 0),
+            )
+            assert await upload(r, 0, first) == 0
+            await begin(r)
+            await r.until(lambda: len(r.of("MISSION_ITEM_REACHED")) == 1)
+            other = item(0, WAYPOINT, 0, z=3.0, **at(r, -30.0, 0.0))
+            assert await upload(r, 0, mission(r, item(0, TAKEOFF, 0, z=3.0), other)) == 0
+            await r.until(lambda: not r.armed)
+            assert r.vehicle.truth().pose.position_ned_m[0] == pytest.approx(15.0, abs=1.5)
 
     virtually(scenario())

@@ -9,10 +9,12 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pymavlink.mavftp import MAVFTP
 
-from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
-from tests.vehicles.embedded.autopilot.services.test_missions import BOTH
+from tests.vehicles.embedded.autopilot.bare_autopilot import READY_S, BareAutopilot
+from tests.vehicles.embedded.autopilot.services.test_missions import BOTH, item
 
 HASH = b"_HASH_CHECK"
+PROTOCOL_VERSION = 300
+"""In no dialect any more that has ArduPilot's messages."""
 
 
 def bits(value: float) -> int:
@@ -179,3 +181,77 @@ def test_an_interval_longer_than_the_answer_can_carry_is_answered_as_the_longest
     told, ack = bare.send(mavlink.MAVLink_command_long_message(1, 1, *request))
     assert (told.message_id, told.interval_us) == (30, 2**31 - 1)
     assert ack.result == mavlink.MAV_RESULT_ACCEPTED
+
+
+def old(message: Any) -> Any:
+    """A message as dronekit's v1.0 dialect fills it: the vehicle's system, component 0."""
+    message.target_component = 0
+    return message
+
+
+@BOTH
+def test_all_that_dronekit_sends_from_connect_to_takeoff_is_answered(autopilot: str) -> None:
+    """By the source of dronekit 2.9.2 (commit 243ce0ac): Vehicle.initialize, armed, simple_takeoff.
+
+    dronekit itself flies in tests/vehicles/clients, where it is installed.
+    """
+    bare = BareAutopilot(autopilot)
+    bare.run(READY_S[autopilot])
+    gcs = mavlink.MAV_TYPE_GCS
+    bare.send(mavlink.MAVLink_heartbeat_message(gcs, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0, 3))
+    bare.send(old(mavlink.MAVLink_request_data_stream_message(1, 0, 0, 4, 1)))
+    (version, ack) = bare.send(old(mavlink.MAVLink_command_long_message(1, 0, 520, 0, 1, *[0] * 6)))
+    assert version.get_type() == "AUTOPILOT_VERSION"
+    assert version.capabilities
+    assert ack.result == mavlink.MAV_RESULT_ACCEPTED
+    bare.send(old(mavlink.MAVLink_param_request_list_message(1, 0)))
+    sent = bare.run(4.0)
+    listed = {m.param_index: m for m in sent if m.get_type() == "PARAM_VALUE"}
+    count = next(iter(listed.values())).param_count
+    assert set(range(count)) <= set(listed), "each by its index, else it asks for those again"
+    needed = {"GPS_RAW_INT", "HEARTBEAT", "ATTITUDE", "SYS_STATUS", "GLOBAL_POSITION_INT"}
+    needed |= {"VFR_HUD"}
+    assert needed <= {m.get_type() for m in sent}, "what wait_ready(True) waits for"
+    if autopilot == "ardupilot":
+        bare.send(mavlink.MAVLink_set_mode_message(1, 1, 4))
+        beats = [m for m in bare.run(1.5) if m.get_type() == "HEARTBEAT"]
+        assert beats[-1].custom_mode == 4
+    answers = bare.send(old(mavlink.MAVLink_command_long_message(1, 0, 400, 0, 1, *[0] * 6)))
+    assert [m.result for m in answers if m.get_type() == "COMMAND_ACK"] == [0]
+    takeoff = mavlink.MAVLink_command_long_message(1, 0, 22, 0, *[0] * 6, 3.0)
+    answers = bare.send(old(takeoff))
+    assert [m.result for m in answers if m.get_type() == "COMMAND_ACK"] == [0]
+    assert bare.autopilot.flight.armed
+
+
+@BOTH
+def test_an_upload_is_asked_for_by_each_firmware_s_message_and_a_doubled_item_is_acknowledged(
+    autopilot: str,
+) -> None:
+    bare = BareAutopilot(autopilot)
+    bare.run(1.0)
+    asked = bare.send(mavlink.MAVLink_mission_count_message(1, 1, 1, 2)) + bare.run(0.1)
+    form = "MISSION_REQUEST_INT" if autopilot == "px4" else "MISSION_REQUEST"
+    assert [m.get_type() for m in asked if "MISSION_REQUEST" in m.get_type()] == [form]
+    rally = item(0, 5100, 2, x=473977400, y=85455900, z=2.0)
+    for _ in range(2):
+        answers = [m for m in bare.send(rally) + bare.run(0.1) if m.get_type() == "MISSION_ACK"]
+        assert [m.type for m in answers] == [mavlink.MAV_MISSION_ACCEPTED]
+
+
+@BOTH
+def test_what_neither_embedded_vehicle_has_is_refused_or_ignored(autopilot: str) -> None:
+    bare = BareAutopilot(autopilot)
+    bare.hover()
+    assert bare.command(mavlink.MAV_CMD_REQUEST_MESSAGE, PROTOCOL_VERSION) != 0
+    upright = [1.0, 0.0, 0.0, 0.0]
+    attitude = mavlink.MAVLink_set_attitude_target_message(0, 1, 1, 0, upright, 0, 0, 0, 0.9)
+    assert not bare.send(attitude)
+    before = bare.autopilot.flight.behaviour
+    for _ in range(10):
+        bare.send(attitude)
+        bare.run(0.1)
+    assert bare.autopilot.flight.behaviour is before
+    if autopilot == "px4":  # which takes no stream of those for one of offboard's
+        refused = {mavlink.MAV_RESULT_TEMPORARILY_REJECTED, mavlink.MAV_RESULT_DENIED}
+        assert bare.command(176, 1, 6) in refused

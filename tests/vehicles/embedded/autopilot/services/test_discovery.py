@@ -106,3 +106,34 @@ def test_impossible_homes_are_refused(rig: Any, virtually: Scenario, autopilot: 
             assert abs(r.last["HOME_POSITION"].altitude - 488_000) < 2000
 
     virtually(scenario())
+
+
+@BOTH
+def test_px4_tells_its_mode_every_two_seconds_and_arducopter_when_asked(
+    rig: Any, virtually: Scenario, autopilot: str
+) -> None:
+    async def scenario() -> None:
+        async with rig(autopilot=autopilot, full_streams=True) as r:
+            await asyncio.sleep(9.0)
+            assert len(modes_in(bytes(r.raw), MODE)) == (5 if autopilot == "px4" else 0)
+            assert await r.command(512, MODE) == 0
+            assert len(modes_in(bytes(r.raw), MODE)) == (6 if autopilot == "px4" else 1)
+
+    virtually(scenario())
+
+
+@BOTH
+def test_the_ground_truth_comes_on_request_alone(
+    rig: Any, virtually: Scenario, autopilot: str
+) -> None:
+    kind, number = ("HIL_STATE_QUATERNION", 115) if autopilot == "px4" else ("SIM_STATE", 108)
+
+    async def scenario() -> None:
+        async with rig(autopilot=autopilot, full_streams=True) as r:
+            await asyncio.sleep(3.0)
+            assert not r.of(kind)
+            assert await r.command(512, number) == 0
+            (truth,) = r.of(kind)
+            assert getattr(truth, "time_usec", 0) == 0
+
+    virtually(scenario())

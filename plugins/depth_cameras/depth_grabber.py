@@ -1,0 +1,124 @@
+"""Live depth cameras: a thread grabs images, the event loop takes them as readings."""
+
+import asyncio
+import threading
+from dataclasses import dataclass
+from typing import Protocol, Self
+
+from wil_campaign.vehicles.readings import DepthImage, DepthReading
+from wil_campaign.vehicles.sources.arrival_clock import ArrivalClock
+from wil_campaign.vehicles.sources.camera_source import SourceError
+from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings
+from wil_campaign.vehicles.sources.source_request import SourceRequest
+from wil_campaign.worlds.camera import Intrinsics
+
+_STOP_S = 2.0
+"""A thread that has not ended this long after the request is abandoned."""
+
+
+@dataclass(frozen=True, slots=True)
+class GrabbedDepth:
+    """A depth image that arrived, or what is wrong with it.
+
+    depth_m: (height, width) float32, metres; None for one that cannot be used, and `why` says so.
+    stamp_s: on the sender's clock; None without. skipped: how many before it never arrived.
+    """
+
+    depth_m: DepthImage | None
+    stamp_s: float | None = None
+    skipped: int = 0
+    why: str = ""
+
+
+class DepthGrabber(Protocol):
+    """Grabs a depth camera's images (protocol); blocking; used by one thread at a time."""
+
+    def open(self) -> None:
+        """Open the depth camera. Raises SourceError."""
+
+    def grab(self) -> GrabbedDepth | None:
+        """Return the depth camera's next image; None after a moment without. Raises SourceError."""
+
+    def close(self) -> None:
+        """Close the depth camera; called once, also after an `open` that failed."""
+
+
+def camera_of(request: SourceRequest) -> Intrinsics:
+    """Return the model of the depth camera that a source is asked for."""
+    if request.camera is None:
+        raise TypeError(f"{request.address}: a {request.kind} has no camera model")
+    return request.camera
+
+
+class GrabbedReadings(LiveReadings):
+    """The readings of a depth camera over a grabber; a ReadingSource. Wall clock only."""
+
+    def __init__(self, *, request: SourceRequest, grabber: DepthGrabber, remedy: str) -> None:
+        super().__init__(
+            name=f"{request.side} {request.sensor} from {request.address}",
+            what="depth image",
+            stall_s=request.stall_s,
+            remedy=remedy,
+        )
+        self._request = request
+        self._camera = camera_of(request)
+        self._grabber = grabber
+        self._clock = ArrivalClock(latency_s=request.latency_s)
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    async def __aenter__(self) -> Self:
+        """Open the depth camera, and wait for its first image. Raises SourceError."""
+        loop = asyncio.get_running_loop()
+        try:
+            await asyncio.to_thread(self._grabber.open)
+            self._thread = threading.Thread(
+                target=self._run, args=(loop,), name=f"depth {self.name}", daemon=True
+            )
+            self._thread.start()
+            await self._wait_for_first(self._request.open_s)
+        except BaseException:
+            await self.__aexit__()
+            raise
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        """Stop the depth camera's thread, and close it."""
+        self._stop.set()
+        if self._thread is None:
+            self._grabber.close()
+        else:
+            await asyncio.to_thread(self._thread.join, _STOP_S)
+
+    def _run(self, loop: asyncio.AbstractEventLoop) -> None:
+        try:
+            while not self._stop.is_set():
+                if (grabbed := self._grabber.grab()) is not None:
+                    self._hand_on(loop, grabbed)
+        except Exception as error:  # noqa: BLE001 - a thread's error must reach the reader
+            why = (
+                str(error) if isinstance(error, SourceError) else f"{type(error).__name__}: {error}"
+            )
+            self._hand_on(loop, GrabbedDepth(None, why=why))
+        finally:
+            self._grabber.close()
+
+    def _hand_on(self, loop: asyncio.AbstractEventLoop, grabbed: GrabbedDepth) -> None:
+        if not loop.is_closed():
+            loop.call_soon_threadsafe(self._take, grabbed, loop.time())
+
+    def _take(self, grabbed: GrabbedDepth, arrived_s: float) -> None:
+        """Take an image that arrived at a time of the run clock."""
+        if grabbed.depth_m is None:
+            self.refuse(grabbed.why)
+            return
+        reading = DepthReading(
+            t_s=self._clock.run_time(grabbed.stamp_s, arrived_s),
+            arrived_s=arrived_s,
+            seq=0,
+            source=self._request.side,
+            depth_m=grabbed.depth_m,
+            intrinsics=self._camera,
+            rendered=False,
+        )
+        self.offer(reading, skipped=grabbed.skipped)

@@ -1,0 +1,74 @@
+"""The page of a comparison: each case before and after, with intervals and settings; pure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from wil_campaign.campaigns.statistics.proportions import clopper_pearson
+from wil_campaign.orchestrator.report.rendering.page_parts import render_template
+from wil_campaign.plugins.statistics.comparison.comparison import Change
+from wil_campaign.plugins.statistics.comparison.settings import SettingsChanges
+from wil_campaign.plugins.statistics.rate_svg import Rate, rate_bar, rate_text
+
+RATE = "pass rate"
+_BADGES = {"worse": "bad", "not worse": "good", "undecided": "open"}
+
+
+@dataclass(frozen=True, slots=True)
+class Linked:
+    """A results folder: its name, and the link to its report, empty without one."""
+
+    name: str
+    link: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    change: Change
+    badge: str
+    before: str
+    after: str
+    bars: tuple[Markup, ...]
+
+
+def render_comparison(
+    changes: Sequence[Change],
+    settings: SettingsChanges,
+    *,
+    conclusion: str,
+    sentences: Sequence[str],
+    before: Sequence[Linked],
+    after: Linked,
+    made_utc: str,
+) -> str:
+    """Return the page as HTML. sentences: what else is to say, one point each."""
+    return render_template(
+        "compare.html.j2",
+        package="wil_campaign.plugins.statistics",
+        rows=[_row(one) for one in changes],
+        settings=settings,
+        conclusion=conclusion,
+        is_worse=any(one.outcome == "worse" for one in changes),
+        sentences=sentences,
+        before=before,
+        after=after,
+        made_utc=made_utc,
+    )
+
+
+def _row(change: Change) -> _Row:
+    badge = _BADGES[change.outcome]
+    if change.what == RATE:
+        rates = [
+            Rate(passed, flown, clopper_pearson(passed, flown))
+            for share, flown in zip((change.before, change.after), change.flights, strict=True)
+            for passed in (round(share * flown),)
+        ]
+        before, after = (rate_text(one) for one in rates)
+        return _Row(change, badge, before, after, tuple(rate_bar(one) for one in rates))
+    before, after = (
+        f"{'> ' if is_beyond else ''}{value:.3g} {change.unit}"
+        for value, is_beyond in zip((change.before, change.after), change.is_beyond, strict=True)
+    )
+    return _Row(change, badge, before, after, ())
