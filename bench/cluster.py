@@ -58,7 +58,9 @@ def main() -> int:
         if given.what == "clocks":
             return compare_clocks(Path(name))
         if given.what == "bench":
-            victims = [one for one in BENCH_VICTIMS if one in given.kill] or BENCH_VICTIMS
+            victims = [
+                bench_victim for bench_victim in BENCH_VICTIMS if bench_victim in given.kill
+            ] or BENCH_VICTIMS
             fine = [
                 account(Path(name) / f"{one.replace(' ', '-')}-{seed}", one, seed)
                 for seed in range(given.first_seed, given.first_seed + given.seeds)

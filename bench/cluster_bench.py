@@ -145,7 +145,7 @@ def _kill(
     elif victim == "bench server":
         server.kill()
     else:
-        raylets = [one for one in second.processes() if "raylet/raylet" in _line(one)]
+        raylets = [process for process in second.processes() if "raylet/raylet" in _line(process)]
         max(raylets, key=lambda one: one.create_time()).kill()
 
 
@@ -225,7 +225,7 @@ def _verdicts(out: Path, name: str) -> dict[str, str]:
     if folder is None:
         return {}
     runs = json.loads((folder / "summary.json").read_text())["runs"]
-    return {f"{one['case']}/{one['mode']}/{one['rep']}": one["verdict"] for one in runs}
+    return {f"{run['case']}/{run['mode']}/{run['rep']}": run["verdict"] for run in runs}
 
 
 def _show_ledger(out: Path, name: str) -> None:

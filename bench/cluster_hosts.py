@@ -75,11 +75,13 @@ class Host:
 
     def processes(self) -> list[psutil.Process]:
         """Return what runs on this host, without what keeps it."""
-        return [one for one in _processes_in(self.namespace) if one.pid != self.holder.pid]
+        return [
+            process for process in _processes_in(self.namespace) if process.pid != self.holder.pid
+        ]
 
     def find(self, text: str) -> psutil.Process | None:
         """Return a process of this host by its command line; the oldest."""
-        found = [one for one in self.processes() if text in _line(one)]
+        found = [process for process in self.processes() if text in _line(process)]
         return min(found, key=lambda one: one.create_time(), default=None)
 
     def flying(self) -> list[psutil.Process]:
@@ -87,17 +89,21 @@ class Host:
         ours = ("wil_campaign", "multiprocessing.forkserver")
         others = ("ray::", "bench serve", "bench_node", "ray start")
         return [
-            one
-            for one in self.processes()
-            if any(word in _line(one) for word in ours)
-            and not any(word in _line(one) for word in others)
+            process
+            for process in self.processes()
+            if any(word in _line(process) for word in ours)
+            and not any(word in _line(process) for word in others)
         ]
 
     def flying_runs(self) -> list[psutil.Process]:
         """Return the processes that fly a run on this host: what a run server has forked."""
-        servers = [one for one in self.processes() if "multiprocessing.forkserver" in _line(one)]
-        pids = {one.pid for one in servers}
-        return [one for one in servers if one.ppid() in pids]
+        servers = [
+            process
+            for process in self.processes()
+            if "multiprocessing.forkserver" in _line(process)
+        ]
+        pids = {server.pid for server in servers}
+        return [server for server in servers if server.ppid() in pids]
 
     def end(self) -> None:
         """End every process of this host."""

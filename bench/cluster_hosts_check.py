@@ -224,7 +224,7 @@ def _operators(check: _Check) -> None:
             flown = max(out.glob("hover/*"))
             runs = json.loads((flown / "summary.json").read_text())["runs"]
             verdicts = [(run["rep"], run["verdict"], run["reason"]) for run in runs]
-            fine = code == 4 and not {one[1] for one in verdicts} & {"PASS", "FAIL"}
+            fine = code == 4 and not {verdict[1] for verdict in verdicts} & {"PASS", "FAIL"}
             check.say(f"{name}: the end of the campaign", fine, f"exit code {code}, {verdicts}")
         finally:
             with contextlib.suppress(ProcessLookupError):

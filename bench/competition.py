@@ -95,8 +95,8 @@ def box_numbers(values: Mapping[str, Any]) -> list[int]:
 def diversity(tests: Sequence[Scored]) -> float | None:
     """Return 1 - mean overlap of the footprints of each two tests; None below two tests."""
     overlaps = [
-        float((one.footprint & other.footprint).sum() / (one.footprint | other.footprint).sum())
-        for index, one in enumerate(tests)
+        float((test.footprint & other.footprint).sum() / (test.footprint | other.footprint).sum())
+        for index, test in enumerate(tests)
         for other in tests[:index]
     ]
     return 1.0 - fmean(overlaps) if overlaps else None
@@ -127,7 +127,7 @@ def _confirmations(folder: Path) -> dict[str, list[Path]]:
 
 def _scored(failure: Mapping[str, Any], runs: Sequence[RunResult]) -> Scored:
     values = failure["values"]
-    proven = [one for one in runs if one.verdict in {"PASS", "FAIL"}]
+    proven = [run for run in runs if run.verdict in {"PASS", "FAIL"}]
     return Scored(
         name=failure["name"],
         standing=failure["standing"],
@@ -141,7 +141,9 @@ def _scored(failure: Mapping[str, Any], runs: Sequence[RunResult]) -> Scored:
 def _nearest_m(result: RunResult) -> float:
     """Return how near a flight came to a box."""
     found = [
-        one.actual for one in result.oracles if one.name == "clearance" and one.actual is not None
+        oracle.actual
+        for oracle in result.oracles
+        if oracle.name == "clearance" and oracle.actual is not None
     ]
     return min((float(one) for one in found if isinstance(one, int | float)), default=math.inf)
 

@@ -161,7 +161,7 @@ class Console:
         words = (sys.executable, "-m", "wil_campaign", "console")
         self._process = subprocess.Popen(words, cwd=ROOT, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own program
         lines = [self._process.stdout.readline() for _ in range(2)]  # type: ignore[union-attr]
-        self.operator, self.viewer = (one.partition(": ")[2].strip() for one in lines)
+        self.operator, self.viewer = (line.partition(": ")[2].strip() for line in lines)
         self.state = psutil.Process(self._process.pid)
 
     def cpu_s(self) -> float:
@@ -287,7 +287,7 @@ class Memory:
         page.send("HeapProfiler.collectGarbage")
         return cls(
             heap_mb=float(page.send("Runtime.getHeapUsage")["usedSize"]) / 1e6,
-            page_mb=sum(one.memory_info().rss for one in renderers()) / 1e6,
+            page_mb=sum(renderer.memory_info().rss for renderer in renderers()) / 1e6,
             server_mb=console.state.memory_info().rss / 1e6,
             images=int(page.value("window.shown")),
             states=states,

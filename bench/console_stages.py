@@ -114,10 +114,10 @@ class Sent:
 
     def stages(self, steps: Sequence[dict[str, Any]]) -> list[list[float]]:
         """Return what each stage took, of the images that were drawn."""
-        keys = [(one["name"], one["seq"]) for one in steps]
+        keys = [(step["name"], step["seq"]) for step in steps]
         known = [
-            (key, one)
-            for key, one in zip(keys, steps, strict=True)
+            (key, step)
+            for key, step in zip(keys, steps, strict=True)
             if key in self.sent and key in self.exposed
         ]
         return [

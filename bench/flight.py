@@ -126,8 +126,8 @@ def campaign_on_all_cores(repetitions: int) -> list[Figure]:
         )
         wall_s = time.perf_counter() - began_s
         files = [one for one in Path(out).rglob("*") if one.is_file()]
-        size_mb = sum(one.stat().st_size for one in files) / 1e6
-        folders = sum(one.name == "result.json" for one in files)
+        size_mb = sum(file.stat().st_size for file in files) / 1e6
+        folders = sum(file.name == "result.json" for file in files)
     if done.returncode not in {0, 1}:
         sys.exit(f"exit {done.returncode}: {done.stderr}")
     runs = json.loads(done.stdout)["runs"]
@@ -234,9 +234,9 @@ def blind_pair(physics: Physics = "jsbsim") -> list[Figure]:
 def _without_cameras(order: RunOrder, folder: str) -> RunSetup:
     setup = RunSetup.of(order)
     vehicles = tuple(replace(vehicle, sensors=()) for vehicle in setup.vehicles)
-    hover = replace(setup.campaign.under_test, use="hover.py:Hover", folder=Path(folder))
+    hover = replace(setup.case.under_test, use="hover.py:Hover", folder=Path(folder))
     campaign = replace(
-        setup.campaign,
+        setup.case,
         recipe=None,
         under_test=hover,
         vehicles={vehicle.name: vehicle for vehicle in vehicles},

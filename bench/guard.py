@@ -254,9 +254,9 @@ async def cost(folder: Path) -> tuple[float, float]:
     async with Program(folder, "--mode", "wil", "--json") as program:
         await program.stage("ready")
         (pid,) = [
-            one["pid"]
-            for one in lines(program.run_folder() / "guard.jsonl")
-            if one["event"] == "opened"
+            line["pid"]
+            for line in lines(program.run_folder() / "guard.jsonl")
+            if line["event"] == "opened"
         ]
         rss_mb, began_s, began_cpu_s = 0.0, time.monotonic(), _cpu_s(pid)
         share = 0.0
@@ -265,7 +265,9 @@ async def cost(folder: Path) -> tuple[float, float]:
                 rss_mb = max(rss_mb, _rss_mb(pid))
                 share = (_cpu_s(pid) - began_cpu_s) / (time.monotonic() - began_s)
             await asyncio.sleep(0.5)
-            if "landed" in [one.get("stage") for one in lines(program.run_folder() / "log.jsonl")]:
+            if "landed" in [
+                line.get("stage") for line in lines(program.run_folder() / "log.jsonl")
+            ]:
                 break
         await program.end()
     return rss_mb, share

@@ -66,7 +66,7 @@ def read_theirs(path: Path) -> Read:
     try:
         scene = trimesh.load_scene(str(path), process=False)
         parts = [one for one in scene.dump() if isinstance(one, trimesh.Trimesh) and len(one.faces)]
-        corners = [np.asarray(one.vertices, float)[one.faces] for one in parts]
+        corners = [np.asarray(part.vertices, float)[part.faces] for part in parts]
     except Exception as error:  # noqa: BLE001 - it raises anything for a damaged file
         return Read(np.empty((0, 3, 3)), repr(error)[:80], time.perf_counter() - begin)
     taken = time.perf_counter() - begin

@@ -87,11 +87,13 @@ def tables(flights: list[dict[str, Any]]) -> Iterator[str]:
         "sockets": "on sockets",
     }
     for kind, title in titles.items():
-        own = [one for one in flights if one["kind"] == kind]
+        own = [flight for flight in flights if flight["kind"] == kind]
         if not own:
             continue
         verdicts = Counter(one["verdict"] for one in own)
-        counts = ", ".join(f"{verdicts[one]} {one}" for one in VERDICTS if verdicts[one])
+        counts = ", ".join(
+            f"{verdicts[verdict]} {verdict}" for verdict in VERDICTS if verdicts[verdict]
+        )
         exempt = [one for one in own if one["exempt"] and one["verdict"] == "PASS"]
         yield f"{len(own)} flights {title}: {counts}; {len(exempt)} of the PASS exempt"
         yield ""
@@ -119,22 +121,24 @@ def _field_table(flights: list[dict[str, Any]]) -> Iterator[str]:
     """Yield a line for each fault, with the seeds that are exempt and passed."""
     yield f"| what is faulty | how | flights | {' | '.join(VERDICTS)} | exempt |"
     yield "|---" * (len(VERDICTS) + 4) + "|"
-    names = [(one["fault"]["signal"], one["fault"]["alteration"]["kind"]) for one in flights]
+    names = [
+        (flight["fault"]["signal"], flight["fault"]["alteration"]["kind"]) for flight in flights
+    ]
     for signal, how in sorted(set(names)):
-        own = [one for one, name in zip(flights, names, strict=True) if name == (signal, how)]
+        own = [flight for flight, name in zip(flights, names, strict=True) if name == (signal, how)]
         verdicts = Counter(one["verdict"] for one in own)
         passed = [one for one in own if one["exempt"] and one["verdict"] == "PASS"]
         seeds = ", ".join(str(one["fault"]["seed"]) for one in passed)
-        counts = " | ".join(str(verdicts[one]) for one in VERDICTS)
+        counts = " | ".join(str(verdicts[verdict]) for verdict in VERDICTS)
         yield f"| {signal} | {how} | {len(own)} | {counts} | {seeds} |"
 
 
 def _table(flights: list[dict[str, Any]], head: str, row_of: Any) -> Iterator[str]:
-    kinds = sorted({one["fault"]["alteration"]["kind"] for one in flights})
+    kinds = sorted({flight["fault"]["alteration"]["kind"] for flight in flights})
     yield f"| {head} | {' | '.join(kinds)} | all |"
     yield "|---" * (len(kinds) + 2) + "|"
-    for row in sorted({row_of(one) for one in flights}):
-        own = [one for one in flights if row_of(one) == row]
+    for row in sorted({row_of(flight) for flight in flights}):
+        own = [flight for flight in flights if row_of(flight) == row]
         cells = [
             _cell([one for one in own if one["fault"]["alteration"]["kind"] == kind])
             for kind in kinds
@@ -144,7 +148,7 @@ def _table(flights: list[dict[str, Any]], head: str, row_of: Any) -> Iterator[st
 
 def _cell(flights: list[dict[str, Any]]) -> str:
     """Return FAIL/INVALID/ERROR/PASS as "12/3/0/0"."""
-    verdicts = Counter(one["verdict"] for one in flights)
+    verdicts = Counter(flight["verdict"] for flight in flights)
     counts = [verdicts[one] for one in ("FAIL", "INVALID", "ERROR", "PASS")]
     return "/".join(map(str, counts)) if flights else ""
 
@@ -173,7 +177,7 @@ def main() -> int:
         fly_due("sockets", asked.first, asked.sockets, asked.results, 1)
     flights = read(asked.results)
     print("\n".join(tables(flights)))
-    wrong = [one for one in flights if one["wrong"]]
+    wrong = [flight for flight in flights if flight["wrong"]]
     for one in wrong:
         print(f"WRONG {one['verdict']}: {one['fault']} [{one['reason']}]")
     return 1 if wrong else 0

@@ -163,7 +163,7 @@ def _judged_nodes(tree: ast.Module) -> set[int]:
                 taken: list[ast.AST] = [one for one in body if not _is_docstring(one)]
             case ast.Module(body=body) | ast.ClassDef(body=body):
                 values = (one for one in body if isinstance(one, ast.Assign | ast.AnnAssign))
-                taken = [one.value for one in values if one.value is not None]
+                taken = [value.value for value in values if value.value is not None]
             case _:
                 continue
         inside.update(id(part) for one in taken for part in ast.walk(one))
@@ -203,7 +203,7 @@ def mutant_of(candidate: Candidate) -> Mutant | None:
 
 def draw(files: list[Path], count: int, seed: int) -> tuple[list[Mutant], int]:
     """Return mutants drawn at random by weight, and of how many."""
-    everything = [one for file in files for one in candidates_of(file)]
+    everything = [candidate for file in files for candidate in candidates_of(file)]
     chance = random.Random(seed)  # noqa: S311 - which mutants are tried is no secret
     keyed = sorted(everything, key=lambda one: -(chance.random() ** (1.0 / one.weight)))
     mutants = (mutant_of(one) for one in keyed)
@@ -214,7 +214,7 @@ def ladder_of(file: str, wider: list[str]) -> list[list[str]]:
     """Return what pytest is given on the way from a module's own tests to all that may find."""
     source = Path("tests") / file
     own = source.with_name(f"test_{source.name}")
-    folder = next(one for one in source.parents if (ROOT / one).is_dir())
+    folder = next(parent for parent in source.parents if (ROOT / parent).is_dir())
     steps = [[str(own)]] if (ROOT / own).exists() else []
     return [*steps, [str(folder), "--ignore", str(own)], *([wider] if wider else [])]
 
@@ -264,7 +264,7 @@ class Tree:
         if ended.returncode in (0, 5):  # 5: no test was collected
             return []
         lines = (one for one in ended.stdout.splitlines() if one.startswith(FAILED))
-        named = (one.partition(" ")[2].partition(" - ")[0] for one in lines)
+        named = (line.partition(" ")[2].partition(" - ")[0] for line in lines)
         return next(([one] for one in named), tests)
 
 

@@ -50,7 +50,7 @@ def made_up(budget: int, jobs: int) -> Find:
     """Return a search for a corner of six numbers that fails: 3 % of two of them."""
     names = "abcdef"
     space = Space(
-        parameters=tuple(Parameter(name=one, keys=(one,), own=0.5, low=0.0) for one in names)
+        parameters=tuple(Parameter(name=name, keys=(name,), own=0.5, low=0.0) for name in names)
     )
     problem = SearchProblem(
         space=space,
@@ -159,10 +159,13 @@ def row(strategy: str, found: Sequence[Findings]) -> str:
     The median of all seeds takes those that found none for later than any; spread: quartiles of it.
     """
     flights = sorted(flights_of(one) if one.confirmed else math.inf for one in found)
-    least, most = flights[0], max((one for one in flights if one < math.inf), default=math.inf)
+    least, most = (
+        flights[0],
+        max((flight for flight in flights if flight < math.inf), default=math.inf),
+    )
     low, high = (flights[int(share * (len(flights) - 1))] for share in (0.25, 0.75))
     figures = "  ".join(f"{one:>6g}" for one in (statistics.median(flights), low, high))
-    confirmed = sum(one < math.inf for one in flights)
+    confirmed = sum(flight < math.inf for flight in flights)
     return f"{strategy:<8} {confirmed:>3}/{len(found)}  {figures}  {least:g}..{most:g}"
 
 

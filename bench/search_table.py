@@ -73,7 +73,7 @@ class Table:
         wanted = self.space.shares(values)
         if wanted is None:
             raise ValueError(f"no point of the space: {values}")
-        every = np.array([self.space.shares(one.variant.values) for one in self.points])
+        every = np.array([self.space.shares(point.variant.values) for point in self.points])
         nearest = self.points[int(np.argmin(np.sum((every - np.array(wanted)) ** 2, axis=1)))]
         drawn = int(np.random.default_rng(seed).integers(len(nearest.outcomes)))
         return nearest.outcomes[drawn]
@@ -106,7 +106,9 @@ def load_table(search: SearchCampaign, name: str) -> Table:
     """Return the table of a problem."""
     flown = read_table(name)
     variants = islice(sequence(search), len(flown))
-    points = (TablePoint(variant=one, outcomes=tuple(flown[one.name])) for one in variants)
+    points = (
+        TablePoint(variant=variant, outcomes=tuple(flown[variant.name])) for variant in variants
+    )
     return Table(search.space, tuple(points))
 
 
@@ -127,7 +129,7 @@ class TableFlyer:
     def __init__(self, search: SearchCampaign, name: str, jobs: int) -> None:
         self._search = search
         self._path = TABLES / f"{name}.csv"
-        self._names = [one.name for one in search.space.parameters]
+        self._names = [parameter.name for parameter in search.space.parameters]
         self._engine = BatchEngine(cleared=Cleared("virtual", jobs), watcher=SilentDisplay())
 
     def fly(self, flights: Iterable[Flight]) -> None:
@@ -184,10 +186,14 @@ def flights_of(variant: Variant, numbers: Iterable[int]) -> list[Flight]:
 
 def missing(variants: Sequence[Variant], flown: dict[str, list[FlightOutcome]]) -> list[Flight]:
     """Return the first flights of points, or, where all have one, the others of the worst."""
-    first = [f for one in variants if one.name not in flown for f in flights_of(one, (1,))]
+    first = [
+        f for variant in variants if variant.name not in flown for f in flights_of(variant, (1,))
+    ]
     if first:
         return first
-    points = [TablePoint(variant=one, outcomes=tuple(flown[one.name])) for one in variants]
+    points = [
+        TablePoint(variant=variant, outcomes=tuple(flown[variant.name])) for variant in variants
+    ]
     worst = sorted(points, key=lambda one: one.worst)[: len(points) // WORST]
     return [
         flight
@@ -209,7 +215,7 @@ def flight_seed(seed: int, flight: Flight) -> int:
 
 def summary(table: Table) -> str:
     """Return how many points of a table failed, and how often."""
-    every = [o for one in table.points for o in one.outcomes]
+    every = [o for point in table.points for o in point.outcomes]
     failing = [p for p in table.points if any(o.verdict == "FAIL" for o in p.outcomes)]
     always = [p for p in failing if all(o.verdict == "FAIL" for o in p.outcomes)]
     unproven = sum(one.verdict not in {"PASS", "FAIL"} for one in every)

@@ -146,7 +146,7 @@ def entry(module: str, name: str) -> str:
     match node:
         case ast.ClassDef():
             functions = [one for one in node.body if isinstance(one, ast.FunctionDef)]
-            made = next((one for one in functions if one.name == "__init__"), None)
+            made = next((function for function in functions if function.name == "__init__"), None)
             called = "" if made is None else signature(made).removesuffix(" -> None")
             head = f"class {name}{called}"
             lines = list(members(node))

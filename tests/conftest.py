@@ -352,7 +352,7 @@ def _takes_own_turn(item: pytest.Item) -> bool:
 
 @cache
 def _is_among(path: Path, places: tuple[str, ...]) -> bool:
-    return not {path.as_posix(), *(one.as_posix() for one in path.parents)}.isdisjoint(places)
+    return not {path.as_posix(), *(parent.as_posix() for parent in path.parents)}.isdisjoint(places)
 
 
 def _shares(begun: list[list[pytest.Item]], then: list[pytest.Item]) -> Iterator[pytest.Item]:

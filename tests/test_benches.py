@@ -80,8 +80,8 @@ def test_results_of_faults_are_kept_as_they_come_and_not_injected_again(
     def inject(seeds: range) -> list[str]:
         kept = benchmark.Kept(keep, "real")
         return [
-            "; ".join(one["lost"]) or one["verdict"]
-            for one in benchmark.in_shares(("fake",), seeds, 1, tmp_path, kept)
+            "; ".join(in_share["lost"]) or in_share["verdict"]
+            for in_share in benchmark.in_shares(("fake",), seeds, 1, tmp_path, kept)
         ]
 
     assert inject(range(10, 14)) == ["PASS", "PASS", *["the injector ended: broken"] * 2]
@@ -150,11 +150,11 @@ def test_a_flight_of_the_table_is_one_of_the_nearest_point(benchmark: Any) -> No
     assert table.outcome({"x": 0.4}, 7) == table.outcome({"x": 0.45}, 7)
     # Of a point that fails once in three flights it is a third that counts.
     assert "8.3 % of the space fails: 1 points at least once, 0 of them" in benchmark.summary(table)
-    flown = {one.variant.name: list(one.outcomes) for one in points}
-    again = benchmark.missing([one.variant for one in points], flown)
+    flown = {point.variant.name: list(point.outcomes) for point in points}
+    again = benchmark.missing([point.variant for point in points], flown)
     assert [(one.variant.name, one.repetition) for one in again] == [("t0001", 4), ("t0001", 5)]
     del flown["t0002"]
-    (first,) = benchmark.missing([one.variant for one in points], flown)
+    (first,) = benchmark.missing([point.variant for point in points], flown)
     assert (first.variant.name, first.repetition) == ("t0002", 1)
 
 

@@ -157,9 +157,9 @@ def test_all_pods_of_the_kubernetes_night_have_one_image_and_the_token() -> None
     spec = yaml.safe_load(night_job("kubernetes"))["spec"]
     cluster = spec["rayClusterSpec"]
     pods = [cluster["headGroupSpec"], *cluster["workerGroupSpecs"]]
-    containers = [one["template"]["spec"]["containers"][0] for one in pods]
+    containers = [pod["template"]["spec"]["containers"][0] for pod in pods]
     containers.append(spec["submitterPodTemplate"]["spec"]["containers"][0])
-    assert {one["image"] for one in containers} == {"IMAGE"}
+    assert {container["image"] for container in containers} == {"IMAGE"}
     names = {"RAY_AUTH_MODE", "RAY_AUTH_TOKEN", "RAY_worker_niceness"}
-    assert all({each["name"] for each in one["env"]} == names for one in containers)
+    assert all({each["name"] for each in container["env"]} == names for container in containers)
     assert spec["backoffLimit"] == 0, "a campaign is never flown again by itself"

@@ -141,12 +141,12 @@ class Module:
                 self._read_inside(one)
 
     def _read_import(self, node: ast.Import | ast.ImportFrom) -> None:
-        for one in node.names:
+        for name in node.names:
             if isinstance(node, ast.Import):
-                self.imported[one.asname or one.name] = (one.name, None)
+                self.imported[name.asname or name.name] = (name.name, None)
             elif node.module:
                 above = self.name.rsplit(".", node.level)[0] + "." if node.level else ""
-                self.imported[one.asname or one.name] = (f"{above}{node.module}", one.name)
+                self.imported[name.asname or name.name] = (f"{above}{node.module}", name.name)
 
 
 def registers(decorator: ast.expr) -> bool:

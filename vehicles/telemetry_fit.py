@@ -29,7 +29,10 @@ def telemetry_bytes_s(autopilot: Autopilot, rates: TelemetryRates, *, signed: bo
 
     MAVLink 2 frames have 12 bytes beside their payload, 13 more when they are signed.
     """
-    plan = [(one.message_id, one.rate_hz) for one in autopilot.telemetry_plan(rates)]
+    plan = [
+        (message_rate.message_id, message_rate.rate_hz)
+        for message_rate in autopilot.telemetry_plan(rates)
+    ]
     return sum(_frame_bytes(number, signed=signed) * hz for number, hz in (*plan, *_UNPLANNED))
 
 

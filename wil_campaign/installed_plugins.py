@@ -210,14 +210,14 @@ def load(function: str) -> Any:
 def _additions(hook: Callable[[], Sequence[Addition]]) -> Iterator[tuple[str, Addition]]:
     """Yield the plugin and each thing that it adds by a hook, in the order of registration."""
     manager, origins = _registered()
-    for one in getattr(manager.hook, hook.__name__).get_hookimpls():
+    for hookimpl in getattr(manager.hook, hook.__name__).get_hookimpls():
         try:
-            found: tuple[Addition, ...] = tuple(one.function())
+            found: tuple[Addition, ...] = tuple(hookimpl.function())
         except Exception as error:
             message = f"{hook.__name__}() fails: {_words(error)}"
-            raise _fault(one.plugin_name, origins[one.plugin_name], message) from error
+            raise _fault(hookimpl.plugin_name, origins[hookimpl.plugin_name], message) from error
         for addition in found:
-            yield one.plugin_name, addition
+            yield hookimpl.plugin_name, addition
 
 
 @cache

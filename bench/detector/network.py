@@ -60,8 +60,8 @@ class Network:
             self.biases.append(np.zeros(layer.outputs, np.float32))
         self.weights[-1] *= 0.3
         self.biases[-1][4:] = -4.0
-        self._first = [np.zeros_like(one) for one in self.parameters]
-        self._second = [np.zeros_like(one) for one in self.parameters]
+        self._first = [np.zeros_like(parameter) for parameter in self.parameters]
+        self._second = [np.zeros_like(parameter) for parameter in self.parameters]
         self._steps = 0
 
     @property

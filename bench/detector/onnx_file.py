@@ -52,8 +52,8 @@ def onnx_bytes(network: Network, width_px: int, height_px: int) -> bytes:
         _node("Sigmoid", ["logits"], "scores"),
         _node("Concat", ["centre", "size", "scores"], "output0", _int("axis", 1)),
     ]
-    graph = b"".join(_chunk(1, one) for one in nodes) + _chunk(2, "detector")
-    graph += b"".join(_chunk(5, one) for one in tensors)
+    graph = b"".join(_chunk(1, node) for node in nodes) + _chunk(2, "detector")
+    graph += b"".join(_chunk(5, tensor) for tensor in tensors)
     graph += _chunk(11, _value("images", 1, 3, height_px, width_px))
     graph += _chunk(12, _value("output0", 1, 4 + CLASSES, cells))
     opset = _chunk(1, "") + _number(2, 13)

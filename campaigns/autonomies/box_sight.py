@@ -63,7 +63,7 @@ class BoxFinder:
     def find(self, reading: CameraReading) -> Detection | None:
         """Return the detection of the class with the highest score; None without any."""
         detections = self._detector.detect(reading.image_bgr)
-        return next((one for one in detections if one.name == self._wanted), None)
+        return next((detection for detection in detections if detection.name == self._wanted), None)
 
 
 def _require(wanted: str, names: Sequence[str], model: str) -> None:

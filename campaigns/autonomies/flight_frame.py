@@ -40,7 +40,7 @@ class PositionController:
     """Flies a vehicle to a position in its flight frame, by a PID controller for each axis."""
 
     def __init__(self, gains: tuple[Gains, Gains, Gains]) -> None:
-        self._pids = tuple(Pid(one) for one in gains)
+        self._pids = tuple(Pid(gain) for gain in gains)
         self._last_s: float | None = None
 
     def velocity(self, wanted_m: Vec3, telemetry: Telemetry, frame: FlightFrame) -> Vec3:

@@ -109,7 +109,7 @@ class FollowAutonomy:
         own, positions = self._parameters, self._positions
         is_following = bool(positions) and telemetry.t_s - positions[-1].t_s <= own.lost_s
         if is_following:
-            ahead_m = median(one.ahead_m for one in positions) - own.distance_m
+            ahead_m = median(position.ahead_m for position in positions) - own.distance_m
             self._hold_m = (ahead_m, positions[-1].right_m)
         wanted_m = (*self._hold_m, self._flight.down_m(frame))
         velocity = self._controller.velocity(wanted_m, telemetry, frame)

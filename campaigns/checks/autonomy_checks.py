@@ -153,16 +153,16 @@ def try_autonomy(under_test: UnderTest, builds: IsolatedBuilds | None) -> Trial:
     return _trial(under_test) if builds is None else builds.trial(under_test)
 
 
-def autonomy_problems(campaign: Document, under_test: UnderTest, trial: Trial) -> list[Problem]:
+def autonomy_problems(file: Document, under_test: UnderTest, trial: Trial) -> list[Problem]:
     """Return the problems of an autonomy that was tried, or of a foreign one."""
     if under_test.foreign is not None:
-        return under_test.foreign.problems(campaign, under_test.folder)
+        return under_test.foreign.problems(file, under_test.folder)
     refusal = trial.refusal
     if refusal is None:
         return []
-    is_mapping = isinstance(campaign.get(("autonomy",)), dict)
+    is_mapping = isinstance(file.get(("autonomy",)), dict)
     path: Path = ("autonomy", refusal.key) if refusal.key and is_mapping else ("autonomy",)
-    return [campaign.problem(path, refusal.message, refusal.suggestion)]
+    return [file.problem(path, refusal.message, refusal.suggestion)]
 
 
 def _trial(under_test: UnderTest) -> Trial:

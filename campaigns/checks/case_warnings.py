@@ -14,7 +14,7 @@ from wil_campaign.campaigns.checks.mixture_warnings import unmixed_objects, wide
 from wil_campaign.campaigns.checks.place_checks import judged_world
 from wil_campaign.campaigns.schema import Mode, VehicleName
 from wil_campaign.campaigns.setup.case_files import CaseFiles
-from wil_campaign.campaigns.setup.case_setup import FLIES, Setup
+from wil_campaign.campaigns.setup.case_setup import FLIES, Case
 from wil_campaign.campaigns.setup.vehicle_setups import unused_settings
 from wil_campaign.foundation.files.documents import BadInput, Document, Path, Problem
 from wil_campaign.safety.evaluation.judge import OracleUse
@@ -43,54 +43,54 @@ _SHOWN_WITHIN = (ReachedParameters, ReachedPositionParameters, TimeLimitParamete
 """Oracles that need an event within their window: with an empty window they fail."""
 
 
-def case_warnings(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> Iterator[Problem]:
+def case_warnings(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iterator[Problem]:
     """Yield warnings of a case for the flown modes: what is valid but probably not meant.
 
     A case with problems of its own may be given as well.
     """
     yield from document_warnings(files)
-    yield from _unread_parameters(files.campaign, setup)
+    yield from _unread_parameters(files.campaign, case)
     for mode in modes:
-        scene = setup.world.scene(mode, judged_world(mode))
-        yield from _wide_fences(files.campaign, setup, mode, scene)
-        yield from _near_goals(files.campaign, setup, mode, scene)
-        yield from _without_objects(files.campaign, setup, scene)
-        yield from _empty_worlds(files.campaign, setup, mode, scene)
-        yield from _momentary_windows(files.campaign, setup, mode)
-        yield from room_warnings(files.campaign, setup, scene)
-        yield from _late_motions(files, setup, scene)
-    yield from _raised_starts(files.campaign, setup, modes)
-    yield from _small_bodies(files.campaign, setup)
-    yield from _unused_parameters(files.campaign, setup)
-    yield from simulated_actors(files.campaign, setup, modes)
-    yield from _long_limits(files.campaign, setup)
+        scene = case.world.scene(mode, judged_world(mode))
+        yield from _wide_fences(files.campaign, case, mode, scene)
+        yield from _near_goals(files.campaign, case, mode, scene)
+        yield from _without_objects(files.campaign, case, scene)
+        yield from _empty_worlds(files.campaign, case, mode, scene)
+        yield from _momentary_windows(files.campaign, case, mode)
+        yield from room_warnings(files.campaign, case, scene)
+        yield from _late_motions(files, case, scene)
+    yield from _raised_starts(files.campaign, case, modes)
+    yield from _small_bodies(files.campaign, case)
+    yield from _unused_parameters(files.campaign, case)
+    yield from simulated_actors(files.campaign, case, modes)
+    yield from _long_limits(files.campaign, case)
     if "wil" in modes:
-        yield from unmixed_objects(files, setup)
-    yield from limit_warnings(files.campaign, setup)
+        yield from unmixed_objects(files, case)
+    yield from limit_warnings(files.campaign, case)
 
 
-def _raised_starts(campaign: Document, setup: Setup, modes: tuple[Mode, ...]) -> Iterator[Problem]:
+def _raised_starts(file: Document, case: Case, modes: tuple[Mode, ...]) -> Iterator[Problem]:
     """Yield a warning for an embedded vehicle that starts above the ground of the world file."""
-    ground_down_m = setup.world.ground_down_m
+    ground_down_m = case.world.ground_down_m
     for name in dict.fromkeys(name for mode in modes for name in FLIES[mode]):
-        vehicle = setup.vehicles.get(name)
+        vehicle = case.vehicles.get(name)
         if ground_down_m is None or vehicle is None or not vehicle.embedded:
             continue
         raised_m = ground_down_m - vehicle.start.position_ned_m[2]
         if raised_m > _RAISED_M:
             message = f"an embedded vehicle has flat ground at its start, {raised_m:g} m above"
-            yield campaign.problem(
+            yield file.problem(
                 ("vehicles", name, "start"),
                 f"{message} ground_up_m: '{name}' does not get down to the ground that is judged",
                 key=True,
             )
 
 
-def _small_bodies(campaign: Document, setup: Setup) -> Iterator[Problem]:
+def _small_bodies(file: Document, case: Case) -> Iterator[Problem]:
     """Yield a warning for a vehicle without a body whose motors span more than the usual one."""
-    for name, vehicle in setup.vehicles.items():
+    for name, vehicle in case.vehicles.items():
         at: Path = ("vehicles", name)
-        if not vehicle.embedded or campaign.get((*at, "body")) is not None:
+        if not vehicle.embedded or file.get((*at, "body")) is not None:
             continue
         try:
             airframe = load_profile(vehicle.profile).airframe
@@ -99,20 +99,18 @@ def _small_bodies(campaign: Document, setup: Setup) -> Iterator[Problem]:
         width_m = 2.0 * vehicle.body.half_m[0]
         if airframe is not None and airframe.motor_span_m > width_m:
             message = f"vehicles.{name} has no body: {width_m:g} m is judged, but its motors alone"
-            yield campaign.problem(at, f"{message} span {airframe.motor_span_m:.2f} m", key=True)
+            yield file.problem(at, f"{message} span {airframe.motor_span_m:.2f} m", key=True)
 
 
-def _unused_parameters(campaign: Document, setup: Setup) -> Iterator[Problem]:
+def _unused_parameters(file: Document, case: Case) -> Iterator[Problem]:
     """Yield warnings for parameters on which the embedded vehicles do not act."""
-    for name, vehicle in setup.vehicles.items():
+    for name, vehicle in case.vehicles.items():
         if vehicle.embedded:
             at: Path = ("vehicles", name)
-            yield from unused_settings(campaign, at, vehicle.autopilot, vehicle.params)
-    for actor in setup.actors.values():
+            yield from unused_settings(file, at, vehicle.autopilot, vehicle.params)
+    for actor in case.actors.values():
         if actor.embedded:
-            yield from unused_settings(
-                campaign, ("actors", actor.name), actor.autopilot, actor.params
-            )
+            yield from unused_settings(file, ("actors", actor.name), actor.autopilot, actor.params)
 
 
 def document_warnings(files: CaseFiles) -> Iterator[Problem]:
@@ -121,62 +119,62 @@ def document_warnings(files: CaseFiles) -> Iterator[Problem]:
         yield from fence_warnings(document)
 
 
-def _unchecked_goals(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
+def _unchecked_goals(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """Yield a warning for a position and gates of the goal that no required oracle checks."""
     checked: set[str] = set()
-    for use in setup.oracles:
+    for use in case.oracles:
         if isinstance(use.parameters, ReachedParameters) and use.parameters.required:
             checked.update(
-                setup.goal.gates if use.parameters.gates is None else use.parameters.gates
+                case.goal.gates if use.parameters.gates is None else use.parameters.gates
             )
-    for index, gate in enumerate(setup.goal.gates):
+    for index, gate in enumerate(case.goal.gates):
         if gate not in checked:
             message = f"no required oracle checks that gate '{gate}' of the goal is flown through"
             yield files.campaign.problem(("goal", "gates", index), message)
-    required = {type(use.parameters) for use in setup.oracles if use.parameters.required}
-    if setup.goal.position_ned_m is not None and ReachedPositionParameters not in required:
+    required = {type(use.parameters) for use in case.oracles if use.parameters.required}
+    if case.goal.position_ned_m is not None and ReachedPositionParameters not in required:
         message = (
             "no required oracle checks that the goal's position is reached: `reached_position`"
         )
         yield files.campaign.problem(("goal", "position"), message)
 
 
-def caveats_of(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> Iterator[Problem]:
+def caveats_of(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iterator[Problem]:
     """Yield the warnings of a case that are also caveats of each of its verdicts."""
-    yield from _unread_parameters(files.campaign, setup)
-    yield from _unchecked_goals(files, setup)
-    yield from _unperceived_mixture(files, setup, modes)
+    yield from _unread_parameters(files.campaign, case)
+    yield from _unchecked_goals(files, case)
+    yield from _unperceived_mixture(files, case, modes)
     if "wil" in modes:
-        yield from wide_registration_limits(files, setup)
-    yield from estimated_actors(files.campaign, setup, modes)
+        yield from wide_registration_limits(files, case)
+    yield from estimated_actors(files.campaign, case, modes)
     for name in dict.fromkeys(FLIES[mode][0] for mode in modes):
-        yield from _long_gaps(files.campaign, setup, name)
+        yield from _long_gaps(files.campaign, case, name)
 
 
-def _unread_parameters(campaign: Document, setup: Setup) -> Iterator[Problem]:
+def _unread_parameters(file: Document, case: Case) -> Iterator[Problem]:
     """Yield a warning for each key of `with` that the autonomy did not read while it was built."""
-    for key, meant in setup.unread.items():
+    for key, meant in case.unread.items():
         message = f"the autonomy never read `{key}` of its `with`"
-        yield campaign.problem(("autonomy", "with", key), message, meant)
+        yield file.problem(("autonomy", "with", key), message, meant)
 
 
 def _unperceived_mixture(
-    files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]
+    files: CaseFiles, case: Case, modes: tuple[Mode, ...]
 ) -> Iterator[Problem]:
     """Yield a warning for a recipe that publishes no mixture to the vehicle that is judged."""
-    if "wil" not in modes or setup.recipe is None or files.recipe is None:
+    if "wil" not in modes or case.recipe is None or files.recipe is None:
         return
-    reached = any("real" in one.publish for one in setup.recipe.combinations)
-    if not reached and not any(one.feeds_autopilots for one in setup.observers.values()):
+    reached = any("real" in combination.publish for combination in case.recipe.combinations)
+    if not reached and not any(observer.feeds_autopilots for observer in case.observers.values()):
         message = (
             "nothing is published to 'real': the vehicle judged in mode wil perceives no mixture"
         )
         yield files.recipe.problem(("combine",), message, key=True)
 
 
-def _long_gaps(campaign: Document, setup: Setup, name: VehicleName) -> Iterator[Problem]:
+def _long_gaps(file: Document, case: Case, name: VehicleName) -> Iterator[Problem]:
     """Yield a warning for a judged vehicle whose positions may be missing for long."""
-    vehicle = setup.vehicles.get(name)
+    vehicle = case.vehicles.get(name)
     if vehicle is None:
         return
     path: Path = ("vehicles", name, "telemetry", "max_gap_s")
@@ -186,33 +184,33 @@ def _long_gaps(campaign: Document, setup: Setup, name: VehicleName) -> Iterator[
         gap_s = None if vehicle.mocap is None else vehicle.mocap.stall_s
     if gap_s is not None and gap_s > _LONG_GAP_S:
         message = f"positions of '{name}' may be missing for {gap_s:g} s"
-        yield campaign.problem(path, f"{message}: its flight meanwhile is not judged")
+        yield file.problem(path, f"{message}: its flight meanwhile is not judged")
 
 
-def _wide_fences(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> Iterator[Problem]:
+def _wide_fences(file: Document, case: Case, mode: Mode, scene: Scene) -> Iterator[Problem]:
     """Yield warnings for fences so much wider than the room that they do not limit the flight."""
     room_m = _room_size_m(scene)
     if room_m is None:
         return
     for name in FLIES[mode]:
-        fence = setup.fences.get(name)
+        fence = case.fences.get(name)
         if fence is not None and exceeds_room(wide_m := _width_m(fence), max(room_m)):
             message = (
                 f"the fence is {wide_m:g} m wide, and the room {max(room_m):g} m: it limits nothing"
             )
-            yield campaign.problem(("geofence",), message, key=True)
+            yield file.problem(("geofence",), message, key=True)
 
 
-def _near_goals(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> Iterator[Problem]:
+def _near_goals(file: Document, case: Case, mode: Mode, scene: Scene) -> Iterator[Problem]:
     """Yield warnings for goal positions that nearly any flight reaches."""
-    target = setup.goal.position_ned_m
-    subject = setup.vehicles.get(FLIES[mode][0])
+    target = case.goal.position_ned_m
+    subject = case.vehicles.get(FLIES[mode][0])
     if target is None or subject is None:
         return
     north_m, east_m, _ = subject.start.position_ned_m
-    away_m = norm(subtract(target, (north_m, east_m, -setup.goal.altitude_m)))
+    away_m = norm(subtract(target, (north_m, east_m, -case.goal.altitude_m)))
     room_m = _room_size_m(scene)
-    for use in setup.oracles:
+    for use in case.oracles:
         given = use.parameters
         if not isinstance(given, ReachedPositionParameters):
             continue
@@ -220,58 +218,58 @@ def _near_goals(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> I
         within = f"within {given.tolerance_m:g} m counts as reached"
         if given.tolerance_m >= away_m:
             message = f"{within}, and the goal is {away_m:.3g} m from the hover: it cannot fail"
-            yield campaign.problem(path, message)
+            yield file.problem(path, message)
         elif room_m is not None and given.tolerance_m >= min(room_m) / 2.0:
-            yield campaign.problem(path, f"{within}, in a room of {min(room_m):g} m")
+            yield file.problem(path, f"{within}, in a room of {min(room_m):g} m")
 
 
-def _without_objects(campaign: Document, setup: Setup, scene: Scene) -> Iterator[Problem]:
+def _without_objects(file: Document, case: Case, scene: Scene) -> Iterator[Problem]:
     """Yield warnings for contact oracles that ignore every object of the world."""
-    for use in setup.oracles:
+    for use in case.oracles:
         given = use.parameters
         left = set(scene.names) - set(getattr(given, "exclude", ()))
         if isinstance(given, ContactParameters) and scene.names and given.exclude and not left:
             message = f"oracle '{use.name}' excludes every object of the world: it cannot fail"
-            yield campaign.problem(("oracles", use.name, "exclude"), message)
+            yield file.problem(("oracles", use.name, "exclude"), message)
 
 
-def _empty_worlds(campaign: Document, setup: Setup, mode: Mode, scene: Scene) -> Iterator[Problem]:
+def _empty_worlds(file: Document, case: Case, mode: Mode, scene: Scene) -> Iterator[Problem]:
     """Yield a warning for a mode in whose judged world none of the world's objects exists."""
-    if setup.world.objects and not scene.names:
+    if case.world.objects and not scene.names:
         which = judged_world(mode)
         message = f"in mode {mode} no object of the world exists in {which}: no contact is possible"
-        yield campaign.problem(("world",), f"{message} (see exists_in)")
+        yield file.problem(("world",), f"{message} (see exists_in)")
 
 
-def _momentary_windows(campaign: Document, setup: Setup, mode: Mode) -> Iterator[Problem]:
+def _momentary_windows(file: Document, case: Case, mode: Mode) -> Iterator[Problem]:
     """Yield warnings for windows that close when they open: from done to land, with one vehicle."""
-    for use in setup.oracles:
+    for use in case.oracles:
         if isinstance(use.parameters, _SHOWN_WITHIN):
             continue
         if len(FLIES[mode]) == 1 and _window_of(use) == Window("done", "land"):
             message = (
                 f"in mode {mode} the window of '{use.name}' closes when it opens: it cannot fail"
             )
-            yield campaign.problem(("oracles", use.name), message, key=True)
+            yield file.problem(("oracles", use.name), message, key=True)
 
 
-def _long_limits(campaign: Document, setup: Setup) -> Iterator[Problem]:
+def _long_limits(file: Document, case: Case) -> Iterator[Problem]:
     """Yield warnings for time limits beyond the time-out of their stage: they never apply."""
-    for use in setup.oracles:
+    for use in case.oracles:
         given = use.parameters
         if not isinstance(given, TimeLimitParameters):
             continue
-        longest_s, key = _longest_s(setup, _window_of(use))
+        longest_s, key = _longest_s(case, _window_of(use))
         if given.limit_s >= longest_s:
             message = f"{key} ends the stage after {longest_s:g} s: it cannot fail"
-            yield campaign.problem(("oracles", use.name, "limit_s"), message)
+            yield file.problem(("oracles", use.name, "limit_s"), message)
 
 
-def _late_motions(files: CaseFiles, setup: Setup, scene: Scene) -> Iterator[Problem]:
+def _late_motions(files: CaseFiles, case: Case, scene: Scene) -> Iterator[Problem]:
     """Yield warnings for motions that begin when the flight is over at the latest."""
-    sync = setup.sync
+    sync = case.sync
     limits = [(sync.goal_timeout_s, "sync.goal_timeout_s")]
-    for use in setup.oracles:
+    for use in case.oracles:
         given = use.parameters
         if not isinstance(given, TimeLimitParameters) or not given.required:
             continue
@@ -283,15 +281,19 @@ def _late_motions(files: CaseFiles, setup: Setup, scene: Scene) -> Iterator[Prob
         "done": (sync.landing_timeout_s, "sync.landing_timeout_s"),
     }
     before_goal = (sync.takeoff_timeout_s + goal_s, f"sync.takeoff_timeout_s with {key}")
-    for one in scene.objects:
-        start = None if one.motion is None else one.motion.start
+    for scene_object in scene.objects:
+        start = None if scene_object.motion is None else scene_object.motion.start
         if files.world is None or not isinstance(start, StartOn):
             continue
         longest_s, key = longest.get(start.event, before_goal)
         if start.delay_s >= longest_s:
-            message = f"'{one.name}' begins to move {start.delay_s:g} s after '{start.event}'"
+            message = (
+                f"'{scene_object.name}' begins to move {start.delay_s:g} s after '{start.event}'"
+            )
             reason = f"{key} ends the flight after {longest_s:g} s: it never moves"
-            yield files.world.problem(("objects", one.name, "motion"), f"{message}; {reason}")
+            yield files.world.problem(
+                ("objects", scene_object.name, "motion"), f"{message}; {reason}"
+            )
 
 
 def _window_of(use: OracleUse) -> Window | None:
@@ -303,9 +305,9 @@ def _window_of(use: OracleUse) -> Window | None:
         return None
 
 
-def _longest_s(setup: Setup, window: Window | None) -> tuple[float, str]:
+def _longest_s(case: Case, window: Window | None) -> tuple[float, str]:
     """Return the longest time between two stages of a run, and the key of the time-out."""
-    sync = setup.sync
+    sync = case.sync
     bounded: dict[Window | None, tuple[float, str]] = {
         Window("takeoff", "at_height"): (sync.takeoff_timeout_s, "sync.takeoff_timeout_s"),
         Window("goal", "done"): (sync.goal_timeout_s, "sync.goal_timeout_s"),

@@ -13,7 +13,7 @@ from wil_campaign.campaigns.checks.vehicle_checks import vehicle_problems
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.actor_setups import ActorSetup
 from wil_campaign.campaigns.setup.case_files import CaseFiles
-from wil_campaign.campaigns.setup.case_setup import FLIES, Setup
+from wil_campaign.campaigns.setup.case_setup import FLIES, Case
 from wil_campaign.campaigns.setup.encounters import encounters
 from wil_campaign.foundation.files.documents import Document, Path, Problem, closest
 from wil_campaign.foundation.files.documents import Path as KeyPath
@@ -26,25 +26,25 @@ from wil_campaign.worlds.frames import Vec3
 from wil_campaign.worlds.world_file.world import World
 
 
-def actor_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+def actor_problems(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
     """Yield the problems of a mode's actors: cameras, fences, places, what they could touch."""
-    yield from _foreign_cameras(files, setup)
-    yield from _unplaced(files, setup, mode)
-    for actor in setup.actors_in(mode):
-        fence = setup.fences.get(actor.name)
+    yield from _foreign_cameras(files, case)
+    yield from _unplaced(files, case, mode)
+    for actor in case.actors_in(mode):
+        fence = case.fences.get(actor.name)
         if fence is not None:
-            yield from _way_outside_fence(files, setup, actor, fence)
+            yield from _way_outside_fence(files, case, actor, fence)
         if actor.attached is not None:
             yield from _unfit_return(files, actor)
-    yield from _near_misses(files, setup, mode)
+    yield from _near_misses(files, case, mode)
 
 
-def _foreign_cameras(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
+def _foreign_cameras(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """Yield cameras whose images a simulator renders: it moves an actor's object by itself."""
-    if not setup.actors:
+    if not case.actors:
         return
-    actor = next(iter(setup.actors))
-    for vehicle in setup.vehicles.values():
+    actor = next(iter(case.actors))
+    for vehicle in case.vehicles.values():
         for camera in vehicle.cameras:
             if camera.source is not None and camera.source.renders_on_request:
                 message = (
@@ -55,11 +55,11 @@ def _foreign_cameras(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
                 yield files.campaign.problem(path, message)
 
 
-def _unplaced(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+def _unplaced(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
     """Yield attached actors of a mode in which their object is virtual and nothing may fly it."""
-    flown = {one.name for one in setup.actors_in(mode)}
-    virtual = set(setup.world.scene(mode, "Wv").names)
-    for name, actor in setup.actors.items():
+    flown = {one.name for one in case.actors_in(mode)}
+    virtual = set(case.world.scene(mode, "Wv").names)
+    for name, actor in case.actors.items():
         if name in virtual and name not in flown:
             message = (
                 f"in mode {mode} '{name}' is virtual, but an attached vehicle is physical; write "
@@ -70,21 +70,21 @@ def _unplaced(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
 
 
 def _way_outside_fence(
-    files: CaseFiles, setup: Setup, actor: ActorSetup, fence: Fence
+    files: CaseFiles, case: Case, actor: ActorSetup, fence: Fence
 ) -> Iterator[Problem]:
     """Yield the start and the waypoints of an actor that are outside its own fence, or too near."""
     path: KeyPath = (*actor.path, "geofence")
     places: list[tuple[str, Vec3, Fence | None]] = [
         ("starts", actor.start.position_ned_m, fence.without_floor()),
         *(
-            (f"has waypoint {index}", one.position_ned_m, fence)
-            for index, one in enumerate(actor.motion.waypoints)
+            (f"has waypoint {index}", waypoint.position_ned_m, fence)
+            for index, waypoint in enumerate(actor.motion.waypoints)
         ),
     ]
     for what, place, keeping in places:
         if keeping is None:
             continue
-        margin_m, keep_m = keeping.margin_m(place), setup.guarding.keep_m
+        margin_m, keep_m = keeping.margin_m(place), case.guarding.keep_m
         side = keeping.boundary(place)
         if margin_m < 0.0:
             message = f"'{actor.name}' {what} {-margin_m:.2f} m outside of its geofence's {side}"
@@ -108,72 +108,75 @@ def _unfit_return(files: CaseFiles, actor: ActorSetup) -> Iterator[Problem]:
         yield files.campaign.problem(("between_runs", "do"), message)
 
 
-def _near_misses(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+def _near_misses(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
     """Yield attached actors that could touch another attached vehicle."""
-    for one in encounters(setup, mode):
-        if one.is_far or (one.may_be_allowed and "separation" in setup.preflight.override):
+    for encounter in encounters(case, mode):
+        if encounter.is_far or (
+            encounter.may_be_allowed and "separation" in case.preflight.override
+        ):
             continue
-        if one.other_fence is None:
+        if encounter.other_fence is None:
             message = (
-                f"in mode {mode} '{one.actor.name}' flies beside '{one.other.name}', which is also "
-                "attached and has no geofence: nothing keeps the two apart; give it a geofence"
+                f"in mode {mode} '{encounter.actor.name}' flies beside '{encounter.other.name}', "
+                "which is also attached and has no geofence: nothing keeps the two apart; give it "
+                "a geofence"
             )
         else:
             message = (
-                f"in mode {mode} this fence is {one.apart_m:.2f} m from that of "
-                f"'{one.other.name}', also attached: the two can touch; leave {one.needed_m:.2f} m "
-                f"between the fences, seen from above, {one.remedy}"
+                f"in mode {mode} this fence is {encounter.apart_m:.2f} m from that of "
+                f"'{encounter.other.name}', also attached: the two can touch; leave "
+                f"{encounter.needed_m:.2f} m between the fences, seen from above, {encounter.remedy}"
             )
-        yield files.campaign.problem((*one.actor.path, "geofence"), message, key=True)
+        yield files.campaign.problem((*encounter.actor.path, "geofence"), message, key=True)
 
 
-Check = Callable[[CaseFiles, Setup, Mode], Iterator[Problem]]
+Check = Callable[[CaseFiles, Case, Mode], Iterator[Problem]]
 
 
-def cross_problems(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> list[Problem]:
+def cross_problems(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> list[Problem]:
     """Return the problems across a case's files (campaign, recipe, world) for the flown modes.
 
     A mode whose vehicle is missing has that problem alone; nothing else of it is checked.
     """
-    return _problems(_CHECKS, files, setup, modes)
+    return _problems(_CHECKS, files, case, modes)
 
 
-def worldless_problems(files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]) -> list[Problem]:
+def worldless_problems(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> list[Problem]:
     """Return the problems across a case's files that do not depend on its world's objects.
 
     For a case whose world is missing or faulty; the setup has an empty world in its place.
     """
-    return _problems(_WORLDLESS_CHECKS, files, setup, modes)
+    return _problems(_WORLDLESS_CHECKS, files, case, modes)
 
 
 def _problems(
-    checks: tuple[Check, ...], files: CaseFiles, setup: Setup, modes: tuple[Mode, ...]
+    checks: tuple[Check, ...], files: CaseFiles, case: Case, modes: tuple[Mode, ...]
 ) -> list[Problem]:
     problems: list[Problem] = []
     for mode in modes:
-        missing = list(_missing_vehicles(files, setup, mode))
+        missing = list(_missing_vehicles(files, case, mode))
         problems += missing
         for check in checks if not missing else ():
-            problems += check(files, setup, mode)
+            problems += check(files, case, mode)
     return problems
 
 
-def _missing_vehicles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+def _missing_vehicles(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
     """Yield a problem for each vehicle that a mode needs and the campaign lacks."""
     for name in FLIES[mode]:
-        if name not in setup.vehicles:
+        if name not in case.vehicles:
             path = ("vehicles", name)
             yield files.campaign.problem(path, f"mode {mode} needs a vehicle '{name}'", key=True)
 
 
-def _gates(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+def _gates(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
     """Yield goal gates without an opening, or missing from the world in which a run is judged."""
     which = judged_world(mode)
-    scene = setup.world.scene(mode, which)
-    for index, gate in enumerate(setup.goal.gates):
+    scene = case.world.scene(mode, which)
+    for index, gate in enumerate(case.goal.gates):
         path: Path = ("goal", "gates", index)
-        if gate not in setup.world.objects:
-            yield _no_object(files.campaign, path, gate, setup.world)
+        if gate not in case.world.objects:
+            yield _no_object(files.campaign, path, gate, case.world)
         elif gate not in scene:
             message = f"'{gate}' is not in {which} in mode {mode} (see its exists_in)"
             yield files.campaign.problem(path, message)
@@ -188,32 +191,32 @@ def _no_object(document: Document, path: Path, name: str, world: World) -> Probl
     return document.problem(path, f"no object '{name}' in the world", closest(name, world.objects))
 
 
-def _oracles(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+def _oracles(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
     """Check a case's oracles across its files by building each against an empty world.
 
     A gate that the world lacks counts as present here: `_gates` reports it, once, at the goal.
     """
-    scene = setup.world.scene(mode, judged_world(mode))
+    scene = case.world.scene(mode, judged_world(mode))
     openings = [thing.name for thing in scene.objects if thing.shape.openings]
-    contexts = _contexts(setup, mode, scene.names, (*openings, *setup.goal.gates))
+    contexts = _contexts(case, mode, scene.names, (*openings, *case.goal.gates))
     built: list[tuple[OracleUse, tuple[Oracle, ...]]] = []
-    for use in setup.oracles:
-        yield from _unknown_names(files.campaign, use, setup.world)
+    for use in case.oracles:
+        yield from _unknown_names(files.campaign, use, case.world)
         try:
             built.append((use, build_oracles([use], contexts)))
         except OracleError as error:
             yield _oracle_problem(files.campaign, use.name, error)
     if len(built) == len(_oracles_in_file(files.campaign)):
-        yield from _unjudged_goals(files.campaign, setup, mode, built)
+        yield from _unjudged_goals(files.campaign, case, mode, built)
 
 
-def _formulas(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+def _formulas(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
     """Check oracles without a world where they can be: an object that one names is there."""
-    for use in setup.oracles:
+    for use in case.oracles:
         named = oracle_kinds()[use.kind].without_world
         if named is None:
             continue
-        contexts = _contexts(setup, mode, named(use.parameters), ())
+        contexts = _contexts(case, mode, named(use.parameters), ())
         try:
             build_oracles([use], contexts)
         except OracleError as error:
@@ -221,7 +224,7 @@ def _formulas(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
 
 
 def _contexts(
-    setup: Setup, mode: Mode, things: tuple[str, ...], gates: Iterable[str]
+    case: Case, mode: Mode, things: tuple[str, ...], gates: Iterable[str]
 ) -> dict[str, OracleContext]:
     """Return the contexts of oracles in an empty world, to check that they can be built."""
     return {
@@ -229,36 +232,36 @@ def _contexts(
             mode=mode,
             subject=FLIES[mode][0],
             vehicle=name,
-            start=setup.vehicles[name].start,
+            start=case.vehicles[name].start,
             probe=_NothingNear(),
             things=things,
             probe_of=lambda _: _NothingNear(),
             gates={gate: _AnyGate() for gate in gates},
-            route=setup.goal.gates,
-            target_ned_m=setup.goal.position_ned_m,
-            fence=setup.fences.get(name),
-            frame=setup.world.frame,
+            route=case.goal.gates,
+            target_ned_m=case.goal.position_ned_m,
+            fence=case.fences.get(name),
+            frame=case.world.frame,
         )
         for name in FLIES[mode]
     }
 
 
-def _oracle_problem(campaign: Document, name: str, error: OracleError) -> Problem:
+def _oracle_problem(file: Document, name: str, error: OracleError) -> Problem:
     path: Path = ("oracles", name, *((error.key,) if error.key else ()))
     if error.offset is not None:
-        return campaign.problem_within(path, error.offset, str(error), error.suggestion)
-    return campaign.problem(path, str(error), error.suggestion, key=not error.key)
+        return file.problem_within(path, error.offset, str(error), error.suggestion)
+    return file.problem(path, str(error), error.suggestion, key=not error.key)
 
 
-def _oracles_in_file(campaign: Document) -> Sized:
+def _oracles_in_file(file: Document) -> Sized:
     """Return the campaign's oracles as the file has them, those with errors of their own too."""
-    oracles = campaign.get(("oracles",))
+    oracles = file.get(("oracles",))
     return oracles if isinstance(oracles, dict) else ()
 
 
 def _unjudged_goals(
-    campaign: Document,
-    setup: Setup,
+    file: Document,
+    case: Case,
     mode: Mode,
     built: Iterable[tuple[OracleUse, tuple[Oracle, ...]]],
 ) -> Iterator[Problem]:
@@ -276,38 +279,38 @@ def _unjudged_goals(
         message = (
             f"in mode {mode} no required oracle judges '{subject}': nearly any flight would pass"
         )
-        yield campaign.problem(("oracles",), message, key=True)
+        yield file.problem(("oracles",), message, key=True)
     wanted = (
-        ("gates", "reached", "{}", bool(setup.goal.gates)),
+        ("gates", "reached", "{}", bool(case.goal.gates)),
         (
             "position",
             "reached_position",
             "{tolerance_m: 0.3}",
-            setup.goal.position_ned_m is not None,
+            case.goal.position_ned_m is not None,
         ),
     )
     for key, kind, parameters, given in wanted:
         if given and all(kind != one for one, _ in judging):
             message = f"in mode {mode} no oracle judges whether '{subject}' reaches it; add"
             hint = f"'{kind}: {parameters}', with 'required: false' to report it only"
-            yield campaign.problem(("goal", key), f"{message} {hint}", key=True)
+            yield file.problem(("goal", key), f"{message} {hint}", key=True)
 
 
-def _unknown_names(campaign: Document, use: OracleUse, world: World) -> Iterator[Problem]:
+def _unknown_names(file: Document, use: OracleUse, world: World) -> Iterator[Problem]:
     """Yield oracle parameters that name objects missing from the world: `gate`, `gate.left`."""
     for key in ("exclude", "ground"):
         for index, name in enumerate(getattr(use.parameters, key, ())):
             if name.partition(".")[0] not in world.objects:
-                yield _no_object(campaign, ("oracles", use.name, key, index), name, world)
+                yield _no_object(file, ("oracles", use.name, key, index), name, world)
 
 
-def _limits(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+def _limits(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
     """Yield a problem when `limits` keep setpoints inside a geofence that the campaign lacks."""
-    if setup.limits is None or not setup.limits.inside_fence:
+    if case.limits is None or not case.limits.inside_fence:
         return
     for name in FLIES[mode]:
-        if name not in setup.fences:
-            whose = "the campaign" if not setup.fences else f"'{name}'"
+        if name not in case.fences:
+            whose = "the campaign" if not case.fences else f"'{name}'"
             message = f"needs a geofence; {whose} has none"
             yield files.campaign.problem(("limits", "inside_geofence"), message)
 

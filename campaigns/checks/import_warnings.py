@@ -8,23 +8,23 @@ from pathlib import Path
 import wil_campaign
 from wil_campaign import api
 from wil_campaign.campaigns.setup.case_files import CaseFiles
-from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.foundation.files.problems import Problem
 from wil_campaign.foundation.files.user_modules import user_files
 
 _PUBLIC = {module.__name__: frozenset(module.__all__) for module in (api, wil_campaign)}
 
 
-def import_warnings(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
+def import_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """Yield a warning for each import of an internal module by the user's code of a case.
 
     Its files are those that this process, or its check of the autonomy, has loaded.
     """
     folders = set[Path]()
-    if setup.under_test.code_folder is not None:
-        folders.add(setup.under_test.code_folder)
-    if files.recipe is not None and setup.recipe is not None:
-        names = [one.rpartition(":")[0] for one in setup.recipe.references()]
+    if case.under_test.code_folder is not None:
+        folders.add(case.under_test.code_folder)
+    if files.recipe is not None and case.recipe is not None:
+        names = [reference.rpartition(":")[0] for reference in case.recipe.references()]
         folders.update((files.recipe.path.parent / name).resolve().parent for name in names)
     for file in sorted({file for folder in folders for file in user_files(folder)}):
         yield from _internal_imports(file)

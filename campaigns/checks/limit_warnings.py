@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import get_args
 
-from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.foundation.files.documents import Document, Path, Problem
 from wil_campaign.safety.fence.fence_schema import FencePart
 from wil_campaign.safety.oracles.area import AltitudeParameters, AreaParameters
@@ -25,51 +25,51 @@ _WIDE_M = 100.0
 probably typed in another unit."""
 
 
-def limit_warnings(campaign: Document, setup: Setup) -> Iterator[Problem]:
+def limit_warnings(file: Document, case: Case) -> Iterator[Problem]:
     """Yield warnings for limits that no flight exceeds, in whatever mode and world."""
-    sync = setup.sync
+    sync = case.sync
     longest_s = sync.takeoff_timeout_s + sync.goal_timeout_s + sync.landing_timeout_s
-    for use in setup.oracles:
+    for use in case.oracles:
         path: Path = ("oracles", use.name)
         given = use.parameters
         if isinstance(given, BatteryParameters) and given.min_percent == 0.0:
             message = "no battery is charged to less than 0 %: it cannot fail"
-            yield campaign.problem((*path, "min_percent"), message)
+            yield file.problem((*path, "min_percent"), message)
         elif isinstance(given, ModesParameters):
             if given.max_changes is None and set(given.allowed) >= set(get_args(ModeName)):
-                yield campaign.problem((*path, "allowed"), "names every mode: it cannot fail")
+                yield file.problem((*path, "allowed"), "names every mode: it cannot fail")
         elif isinstance(given, AttitudeParameters):
-            yield from _any_attitude(campaign, path, given)
+            yield from _any_attitude(file, path, given)
         elif isinstance(given, LinkParameters | EstimatorParameters):
             key = "max_gap_s" if isinstance(given, LinkParameters) else "max_unsound_s"
             limit_s: float = getattr(given, key)
             if limit_s >= longest_s:
                 message = f"the time-outs of `sync` end each flight after {longest_s:g} s"
-                yield campaign.problem((*path, key), f"{message}: it cannot fail")
+                yield file.problem((*path, key), f"{message}: it cannot fail")
 
 
-def room_warnings(campaign: Document, setup: Setup, scene: Scene) -> Iterator[Problem]:
+def room_warnings(file: Document, case: Case, scene: Scene) -> Iterator[Problem]:
     """Yield warnings for limits of place that are beyond the room of a judged world."""
-    for use in setup.oracles:
+    for use in case.oracles:
         given = use.parameters
         if isinstance(given, AltitudeParameters) and given.max_m is not None:
             ceiling_m = _ceiling_m(scene)
             if ceiling_m is not None and given.max_m >= ceiling_m:
                 message = f"the ceiling is {ceiling_m:g} m up: it cannot fail below that"
-                yield campaign.problem(("oracles", use.name, "max_m"), message)
+                yield file.problem(("oracles", use.name, "max_m"), message)
         elif isinstance(given, AreaParameters):
-            yield from _wide_area(campaign, ("oracles", use.name, "keep"), given.keep, scene)
+            yield from _wide_area(file, ("oracles", use.name, "keep"), given.keep, scene)
 
 
-def _any_attitude(campaign: Document, path: Path, given: AttitudeParameters) -> Iterator[Problem]:
+def _any_attitude(file: Document, path: Path, given: AttitudeParameters) -> Iterator[Problem]:
     for key, steepest_deg in _STEEPEST_DEG.items():
         limit_deg = getattr(given, key)
         if limit_deg is not None and limit_deg >= steepest_deg:
             message = f"no attitude is beyond {steepest_deg:g} degrees: it cannot fail"
-            yield campaign.problem((*path, key), message)
+            yield file.problem((*path, key), message)
 
 
-def _wide_area(campaign: Document, path: Path, keep: FencePart, scene: Scene) -> Iterator[Problem]:
+def _wide_area(file: Document, path: Path, keep: FencePart, scene: Scene) -> Iterator[Problem]:
     """Yield a warning for an area's box in metres that is far wider than the room."""
     room_m = max((max(size) for size, _ in rooms(scene)), default=None)
     if room_m is None or keep.box is None or keep.box.north_m is None or keep.box.east_m is None:
@@ -77,7 +77,7 @@ def _wide_area(campaign: Document, path: Path, keep: FencePart, scene: Scene) ->
     wide_m = max(high - low for low, high in (keep.box.north_m, keep.box.east_m))
     if exceeds_room(wide_m, room_m):
         message = f"the area is {wide_m:g} m wide, and the room {room_m:g} m: it cannot fail"
-        yield campaign.problem((*path, "box"), message, key=True)
+        yield file.problem((*path, "box"), message, key=True)
 
 
 def exceeds_room(wide_m: float, room_m: float) -> bool:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.blank_readings import blank_reading
 from wil_campaign.campaigns.setup.case_files import CaseFiles
-from wil_campaign.campaigns.setup.case_setup import Setup, VehicleSetup
+from wil_campaign.campaigns.setup.case_setup import Case, VehicleSetup
 from wil_campaign.campaigns.values.sensor_setups import SensorSetup
 from wil_campaign.foundation.files.documents import Document, Path, Problem, closest
 from wil_campaign.recipes.model.recipe import Combination, Recipe
@@ -17,17 +17,17 @@ _SLACK = 1.001
 """Tolerance for rates that are typed with few digits."""
 
 
-def mixing_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+def mixing_problems(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
     """Yield missing parts of a mixture: the recipe, sensors on a vehicle, objects in the world."""
     if mode != "wil":
         return
-    recipe = setup.recipe
+    recipe = case.recipe
     if recipe is None or files.recipe is None:
         if files.campaign.get(("recipe",)) is None:
             yield files.campaign.problem(("recipe",), "mode wil needs a recipe")
         return
     for name in SIDES:
-        if (vehicle := setup.vehicles.get(name)) is None:
+        if (vehicle := case.vehicles.get(name)) is None:
             continue
         carried = {sensor.name: sensor.kind for sensor in vehicle.sensors}
         for sensor in recipe.sensors:
@@ -36,14 +36,14 @@ def mixing_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Prob
                 message = f"vehicle '{name}' has no {kind} '{sensor.name}'"
                 meant = closest(sensor.name, carried)
                 yield files.recipe.problem(("sensors", sensor.name), message, meant, key=True)
-    yield from _rate_problems(files.recipe, recipe, setup)
-    yield from _shape_problems(files.recipe, recipe, setup)
-    yield from recipe.unknown_objects(frozenset(setup.world.objects))
+    yield from _rate_problems(files.recipe, recipe, case)
+    yield from _shape_problems(files.recipe, recipe, case)
+    yield from recipe.unknown_objects(frozenset(case.world.objects))
 
 
-def _rate_problems(document: Document, recipe: Recipe, setup: Setup) -> Iterator[Problem]:
+def _rate_problems(document: Document, recipe: Recipe, case: Case) -> Iterator[Problem]:
     """Yield mixtures whose rate is above that of the readings that they are made of."""
-    carried = _rates_hz(setup.vehicles["real"])
+    carried = _rates_hz(case.vehicles["real"])
     for sensor in recipe.sensors:
         real_hz = carried.get(sensor.name)
         if sensor.rate_hz is not None and real_hz is not None and sensor.rate_hz > real_hz * _SLACK:
@@ -53,7 +53,7 @@ def _rate_problems(document: Document, recipe: Recipe, setup: Setup) -> Iterator
     for index, combination in enumerate(recipe.combinations):
         path: Path = ("combine", index)
         yield from _least_rate_problems(document, path, combination, carried)
-        yield from _skew_problems(document, path, combination, setup)
+        yield from _skew_problems(document, path, combination, case)
 
 
 def _least_rate_problems(
@@ -73,7 +73,7 @@ def _least_rate_problems(
 
 
 def _skew_problems(
-    document: Document, path: Path, combination: Combination, setup: Setup
+    document: Document, path: Path, combination: Combination, case: Case
 ) -> Iterator[Problem]:
     """Yield sensors of the twin so slow that some real readings have no partner within the skew.
 
@@ -89,8 +89,8 @@ def _skew_problems(
     ):
         return
     name = combination.sensor.name
-    real_hz = _rates_hz(setup.vehicles["real"]).get(name)
-    twin_hz = _rates_hz(setup.vehicles["twin"]).get(name)
+    real_hz = _rates_hz(case.vehicles["real"]).get(name)
+    twin_hz = _rates_hz(case.vehicles["twin"]).get(name)
     if real_hz is None or twin_hz is None:
         return
     mixed_hz = min(real_hz, combination.sensor.rate_hz or real_hz)
@@ -104,12 +104,12 @@ def _skew_problems(
         yield document.problem((*path, "sensor"), message)
 
 
-def _shape_problems(document: Document, recipe: Recipe, setup: Setup) -> Iterator[Problem]:
+def _shape_problems(document: Document, recipe: Recipe, case: Case) -> Iterator[Problem]:
     """Yield steps and merges that do not accept images or scans of the sensors' sizes."""
     for combination in recipe.combinations:
         blank: dict[Side, Reading] = {}
         for side in SIDES:
-            sensor = _sensor_named(setup.vehicles[side], combination.sensor.name)
+            sensor = _sensor_named(case.vehicles[side], combination.sensor.name)
             is_fit = sensor is not None and sensor.kind == combination.sensor.kind_of(side)
             reading = blank_reading(sensor, side) if sensor is not None and is_fit else None
             if reading is not None:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from wil_campaign.campaigns.setup.case_files import CaseFiles
-from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.campaigns.setup.named_objects import named_objects
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
 from wil_campaign.foundation.files.documents import Document, Problem
@@ -16,46 +16,50 @@ _WIDE_SHARE = 0.05
 an object beside its place counts as in its place."""
 
 
-def wide_registration_limits(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
+def wide_registration_limits(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """Yield a warning for recipe limits that accept objects far beside their place."""
-    if setup.recipe is None or files.recipe is None:
+    if case.recipe is None or files.recipe is None:
         return
     widths_px = {
         sensor.name: sensor.intrinsics.width_px
-        for sensor in setup.vehicles["real"].sensors
+        for sensor in case.vehicles["real"].sensors
         if isinstance(sensor, CameraSetup | DepthSetup)
     }
-    for one in setup.recipe.combinations:
-        limit_px = one.budget.max_registration_error_px
-        width_px = widths_px.get(one.sensor.name)
+    for combination in case.recipe.combinations:
+        limit_px = combination.budget.max_registration_error_px
+        width_px = widths_px.get(combination.sensor.name)
         if limit_px is None or width_px is None or limit_px <= _WIDE_SHARE * width_px:
             continue
         message = (
             f"accepts virtual objects {limit_px:g} px beside their place, in images of "
-            f"'{one.sensor.name}' that are {width_px} px wide: set at most "
+            f"'{combination.sensor.name}' that are {width_px} px wide: set at most "
             f"{_WIDE_SHARE * width_px:g}, or remove the key for the default"
         )
-        yield files.recipe.problem((*one.path, "max_registration_error_px"), message)
+        yield files.recipe.problem((*combination.path, "max_registration_error_px"), message)
 
 
-def unmixed_objects(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
+def unmixed_objects(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """Yield a warning for virtual objects that no combination of the recipe mixes in.
 
     Only where every combination isolates other objects by name: which objects a colour or a region
     keeps is known in flight only. A combination with `shows` states its intent and gets a warning
     for objects alone that the goal or a required oracle names.
     """
-    if setup.recipe is None or files.recipe is None:
+    if case.recipe is None or files.recipe is None:
         return
-    things = virtual_only(setup.world.scene("wil", "W"), setup.world.scene("wil", "Wv"))
-    isolating = [one for one in setup.recipe.combinations if one.sensor.kind in SHOWING_KINDS]
+    things = virtual_only(case.world.scene("wil", "W"), case.world.scene("wil", "Wv"))
+    isolating = [
+        combination
+        for combination in case.recipe.combinations
+        if combination.sensor.kind in SHOWING_KINDS
+    ]
     yield from _named_and_not_shown(
-        files.recipe, isolating, named_objects(setup) & {*things.values()}
+        files.recipe, isolating, named_objects(case) & {*things.values()}
     )
     if not isolating or not all(_leaves_out(one, set(things.values())) for one in isolating):
         return
     mixed = {name for one in isolating for name in one.isolated()}
-    named = named_objects(setup)
+    named = named_objects(case)
     for name in things.values():
         if name not in mixed:
             why = ", and the goal or a required oracle names it" if name in named else ""
@@ -72,9 +76,9 @@ def _named_and_not_shown(
     recipe: Document, combinations: list[Combination], named: set[str]
 ) -> Iterator[Problem]:
     """Yield a warning for objects that goal or oracle names, and `shows` leaves out everywhere."""
-    if not combinations or any(one.shows is None for one in combinations):
+    if not combinations or any(combination.shows is None for combination in combinations):
         return
-    shown = {name for one in combinations for name in one.shows or ()}
+    shown = {name for combination in combinations for name in combination.shows or ()}
     for name in sorted(named - shown):
         message = f"`shows` leaves out '{name}', which the goal or a required oracle names"
         yield recipe.problem(

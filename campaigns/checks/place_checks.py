@@ -6,7 +6,7 @@ from typing import Literal
 
 from wil_campaign.campaigns.schema import Mode, VehicleName
 from wil_campaign.campaigns.setup.case_files import CaseFiles
-from wil_campaign.campaigns.setup.case_setup import Setup, VehicleSetup
+from wil_campaign.campaigns.setup.case_setup import Case, VehicleSetup
 from wil_campaign.foundation.files.documents import Path, Problem
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.worlds.clearance.clearance import ClearanceProbe
@@ -38,7 +38,7 @@ def judged_world(mode: Mode) -> Which:
     return "W" if mode == "real" else "Wv"
 
 
-def place_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+def place_problems(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
     """Yield impossible places of one mode: starts, goals and gates against fences and rooms.
 
     Of a vehicle whose start is outside of the fence, only that and its takeoff are reported.
@@ -46,76 +46,74 @@ def place_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Probl
     for (flown, name), worlds in SEES.items():
         if flown != mode:
             continue
-        vehicle = setup.vehicles[name]
-        outside = list(_start_outside_fence(files, setup, vehicle))
+        vehicle = case.vehicles[name]
+        outside = list(_start_outside_fence(files, case, vehicle))
         yield from outside
         for which in worlds if not outside else ():
-            scene = setup.world.scene(mode, which)
+            scene = case.world.scene(mode, which)
             yield from _start_outside_room(files, vehicle, scene)
             yield from _start_in_object(files, vehicle, scene)
-            yield from _goal_above_room(files, setup, vehicle, scene)
-        yield from _start_below_ground(files, setup, vehicle)
+            yield from _goal_above_room(files, case, vehicle, scene)
+        yield from _start_below_ground(files, case, vehicle)
         if not outside:
-            yield from _goal_outside_fence(files, setup, vehicle)
-        yield from _no_takeoff(files, setup, vehicle)
-    yield from _gates_outside_fence(files, setup, mode)
+            yield from _goal_outside_fence(files, case, vehicle)
+        yield from _no_takeoff(files, case, vehicle)
+    yield from _gates_outside_fence(files, case, mode)
 
 
-def _start_outside_fence(
-    files: CaseFiles, setup: Setup, vehicle: VehicleSetup
-) -> Iterator[Problem]:
+def _start_outside_fence(files: CaseFiles, case: Case, vehicle: VehicleSetup) -> Iterator[Problem]:
     """Yield a problem when a vehicle's start place lies outside its fence."""
-    if deviation := _deviation(setup, vehicle, vehicle.start.position_ned_m):
+    if deviation := _deviation(case, vehicle, vehicle.start.position_ned_m):
         path = ("vehicles", vehicle.name, "start")
         yield files.campaign.problem(path, f"'{vehicle.name}' starts {deviation}", key=True)
 
 
-def _goal_outside_fence(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterator[Problem]:
+def _goal_outside_fence(files: CaseFiles, case: Case, vehicle: VehicleSetup) -> Iterator[Problem]:
     """Yield a problem when the hover above the start, or the goal's place, leaves the fence."""
     north_m, east_m, _ = vehicle.start.position_ned_m
-    hover: Vec3 = (north_m, east_m, -setup.goal.altitude_m)
+    hover: Vec3 = (north_m, east_m, -case.goal.altitude_m)
     wanted: list[tuple[Path, Vec3 | None]] = [
         (("goal", "altitude_m"), hover),
-        (("goal", "position"), setup.goal.position_ned_m),
+        (("goal", "position"), case.goal.position_ned_m),
     ]
     for path, place in wanted:
-        if place is not None and (deviation := _deviation(setup, vehicle, place)):
+        if place is not None and (deviation := _deviation(case, vehicle, place)):
             yield files.campaign.problem(path, f"is {deviation}")
 
 
-def _no_takeoff(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterator[Problem]:
+def _no_takeoff(files: CaseFiles, case: Case, vehicle: VehicleSetup) -> Iterator[Problem]:
     """Yield a takeoff height that is not above the start place, or within the tolerance of it."""
     up_m = -vehicle.start.position_ned_m[2]
-    climb_m = setup.goal.altitude_m - up_m
+    climb_m = case.goal.altitude_m - up_m
     if climb_m <= 0.0:
         message = f"is not above the start of '{vehicle.name}', {up_m:g} m up"
         yield files.campaign.problem(("goal", "altitude_m"), message)
-    elif climb_m <= setup.sync.takeoff_tolerance_m:
-        reason = f"the tolerance of {setup.sync.takeoff_tolerance_m:g} m is met on the ground"
+    elif climb_m <= case.sync.takeoff_tolerance_m:
+        reason = f"the tolerance of {case.sync.takeoff_tolerance_m:g} m is met on the ground"
         message = f"'{vehicle.name}' climbs by {climb_m:g} m: {reason}"
         yield files.campaign.problem(("sync", "takeoff_tolerance_m"), message)
 
 
-def _gates_outside_fence(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+def _gates_outside_fence(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
     """Yield static gates whose centre lies outside a fence."""
-    scene = setup.world.scene(mode, judged_world(mode))
-    for index, name in enumerate(setup.goal.gates):
+    scene = case.world.scene(mode, judged_world(mode))
+    for index, name in enumerate(case.goal.gates):
         if name not in scene or scene[name].motion is not None:
             continue
         pose = scene[name].pose
-        middles = [pose.compose(one.pose) for one in scene[name].shape.openings]
+        middles = [pose.compose(opening.pose) for opening in scene[name].shape.openings]
         middle = (*middles, pose)[0].position_ned_m
         for flown, vehicle in SEES:
-            if flown == mode and (deviation := _deviation(setup, setup.vehicles[vehicle], middle)):
+            if flown == mode and (deviation := _deviation(case, case.vehicles[vehicle], middle)):
                 yield files.campaign.problem(("goal", "gates", index), f"'{name}' is {deviation}")
 
 
-def _deviation(setup: Setup, vehicle: VehicleSetup, place: Vec3) -> str:
+def _deviation(case: Case, vehicle: VehicleSetup, place: Vec3) -> str:
     """Return how far a place is outside a vehicle's fence, or too near to it; "" for a good one."""
-    fence = setup.fences.get(vehicle.name)
+    fence = case.fences.get(vehicle.name)
     if fence is None:
         return ""
-    margin_m, keep_m = fence.margin_m(place), setup.guarding.keep_m
+    margin_m, keep_m = fence.margin_m(place), case.guarding.keep_m
     side = fence.boundary(place)
     if margin_m < 0.0:
         return f"{-margin_m:.2f} m outside of the geofence's {side}"
@@ -135,9 +133,9 @@ def _start_outside_room(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -
         yield files.campaign.problem(("vehicles", vehicle.name, "start"), message, key=True)
 
 
-def _start_below_ground(files: CaseFiles, setup: Setup, vehicle: VehicleSetup) -> Iterator[Problem]:
+def _start_below_ground(files: CaseFiles, case: Case, vehicle: VehicleSetup) -> Iterator[Problem]:
     """Yield a problem when the start place lies below the ground that the world file states."""
-    ground_down_m, down_m = setup.world.ground_down_m, vehicle.start.position_ned_m[2]
+    ground_down_m, down_m = case.world.ground_down_m, vehicle.start.position_ned_m[2]
     if ground_down_m is not None and down_m > ground_down_m + _ON_FLOOR_M:
         depth_m = down_m - ground_down_m
         message = f"'{vehicle.name}' starts {depth_m:g} m below the world's ground (ground_up_m)"
@@ -157,7 +155,7 @@ def _start_in_object(files: CaseFiles, vehicle: VehicleSetup, scene: Scene) -> I
 
 
 def _goal_above_room(
-    files: CaseFiles, setup: Setup, vehicle: VehicleSetup, scene: Scene
+    files: CaseFiles, case: Case, vehicle: VehicleSetup, scene: Scene
 ) -> Iterator[Problem]:
     """Yield a problem when the goal lies above the ceiling of the room around the start."""
     start = vehicle.start.position_ned_m
@@ -165,7 +163,7 @@ def _goal_above_room(
         height_m = _room_height_m(room, start) if room.is_room else None
         ceiled = any(part.name == "ceiling" for part in room.shape.parts)
         floor_up_m = -room.pose.position_ned_m[2]
-        if height_m is not None and ceiled and setup.goal.altitude_m - floor_up_m >= height_m:
+        if height_m is not None and ceiled and case.goal.altitude_m - floor_up_m >= height_m:
             message = (
                 f"is not below the ceiling of room '{room.name}', {floor_up_m + height_m:g} m up"
             )

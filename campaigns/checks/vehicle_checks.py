@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.case_files import CaseFiles
-from wil_campaign.campaigns.setup.case_setup import FLIES, Setup, VehicleSetup
+from wil_campaign.campaigns.setup.case_setup import FLIES, Case, VehicleSetup
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
 from wil_campaign.campaigns.values.sensor_setups import options_of
 from wil_campaign.foundation.files.documents import Problem
@@ -14,14 +14,14 @@ from wil_campaign.vehicles.launch.px4 import Px4Launch
 from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions
 
 
-def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Problem]:
+def vehicle_problems(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
     """Yield the problems of the vehicles: unequal simulation paces, a pair of one vehicle."""
-    actors = setup.actors_in(mode)
-    flown = [*(setup.vehicles[name] for name in FLIES[mode]), *actors]
-    yield from _pace_problems(files, setup, flown)
+    actors = case.actors_in(mode)
+    flown = [*(case.vehicles[name] for name in FLIES[mode]), *actors]
+    yield from _pace_problems(files, case, flown)
     for index, actor in enumerate(actors):
         yield from _shared_links(files, actor, flown[: len(flown) - len(actors) + index])
-    for vehicle in setup.vehicles.values():
+    for vehicle in case.vehicles.values():
         yield from _spare_problems(files, vehicle)
         driver = added(drivers).get(vehicle.driver)
         if driver is not None and vehicle.system_id == driver.system_id:
@@ -31,18 +31,16 @@ def vehicle_problems(files: CaseFiles, setup: Setup, mode: Mode) -> Iterator[Pro
             )
             yield files.campaign.problem(("vehicles", vehicle.name, "system_id"), message)
     if mode == "wil":
-        yield from _pair_problems(files, setup)
+        yield from _pair_problems(files, case)
 
 
-def _pace_problems(
-    files: CaseFiles, setup: Setup, flown: Sequence[FlownSetup]
-) -> Iterator[Problem]:
+def _pace_problems(files: CaseFiles, case: Case, flown: Sequence[FlownSetup]) -> Iterator[Problem]:
     """Yield vehicles of a pair that are simulated at different paces (embedded ones adapt)."""
     paces = {one.name: pace for one in flown if (pace := one.launch_pace) is not None}
     if not paces:
         return
     first = next(iter(paces.values()))
-    if setup.speed not in {None, first}:
+    if case.speed not in {None, first}:
         message = f"the link of a launched simulation sets the speed to {first:g}; remove this key"
         yield files.campaign.problem(("clock", "speed"), message)
     for one in flown:
@@ -65,14 +63,14 @@ def _pace_key(vehicle: FlownSetup) -> str:
     return "speed" if isinstance(vehicle.launch, Px4Launch) else "speedup"
 
 
-def _pair_problems(files: CaseFiles, setup: Setup) -> Iterator[Problem]:
+def _pair_problems(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """Yield real and twin vehicles that share a system id or an address."""
-    real, twin = setup.vehicles["real"], setup.vehicles["twin"]
+    real, twin = case.vehicles["real"], case.vehicles["twin"]
     if twin.coupling == "placed":
         yield from _placed_problems(files, twin)
         return
-    foreign = setup.under_test.foreign
-    if twin.coupling == "shadow" and foreign is not None and setup.under_test.has_runner:
+    foreign = case.under_test.foreign
+    if twin.coupling == "shadow" and foreign is not None and case.under_test.has_runner:
         message = (
             f"shadow needs an autonomy of `use`: the setpoints of a {foreign.kind} are in the real "
             "vehicle's own frame; write follow or free"
@@ -90,7 +88,9 @@ def _shared_links(
 ) -> Iterator[Problem]:
     """Yield an address of a vehicle that another vehicle has as well."""
     for other in others:
-        shared = next((one for one in vehicle.addresses if one in other.addresses), None)
+        shared = next(
+            (address for address in vehicle.addresses if address in other.addresses), None
+        )
         if shared is not None:
             message = (
                 f"{other.name} and {vehicle.name} are both on {shared}; each needs its own link"

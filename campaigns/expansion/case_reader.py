@@ -28,10 +28,10 @@ from wil_campaign.campaigns.setup.actor_setups import actor_fences, actor_setups
 from wil_campaign.campaigns.setup.autonomy_under_test import ForeignAutonomy, UnderTest
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import (
+    Case,
     GoalSetup,
     GuardingSetup,
     ObserverSetup,
-    Setup,
     SyncSetup,
 )
 from wil_campaign.campaigns.setup.fault_setups import fault_setups
@@ -66,7 +66,7 @@ def read_setup(
     *,
     builds: IsolatedBuilds | None = None,
     loads_code: bool = True,
-) -> Setup:
+) -> Case:
     """Return the setup of a case, valid for these modes. Raises BadInput with every problem.
 
     builds: tries the autonomy in a child process, for a limited time; None: in this one.
@@ -87,9 +87,9 @@ def read_setup(
     if part is None:
         raise BadInput(problems, document_warnings(files))
     vehicles = vehicle_setups(files.campaign, part.vehicles, problems)
-    ids: dict[str, int] = {name: one.system_id for name, one in vehicles.items()}
+    ids: dict[str, int] = {name: vehicle.system_id for name, vehicle in vehicles.items()}
     fences = _fences(files, part, world, problems)
-    setup = Setup(
+    setup = Case(
         vehicles=vehicles,
         actors={}
         if world is None
@@ -150,7 +150,7 @@ def _read_case(
 def _links(part: LinksPart) -> dict[str, LinkSetup]:
     """Return the link setups of a case's real and twin vehicles."""
     given: dict[VehicleName, LinkPart | None] = {"real": part.real, "twin": part.twin}
-    return {name: link_setup(one) for name, one in given.items() if one is not None}
+    return {name: link_setup(link) for name, link in given.items() if link is not None}
 
 
 def _gcs(part: GcsPart) -> dict[str, str]:
@@ -239,12 +239,12 @@ def unique(problems: list[Problem]) -> tuple[Problem, ...]:
 
 
 def observer_setups(
-    campaign: Document, part: CampaignPart, problems: list[Problem]
+    file: Document, part: CampaignPart, problems: list[Problem]
 ) -> dict[str, ObserverSetup]:
     """Return the observers' setups of a case by their keys; problems are collected."""
     found: dict[str, ObserverSetup] = {}
     for name, observer in added(run_observers).items():
-        setup = load(observer.setup)(getattr(part, name), campaign, part, problems)
+        setup = load(observer.setup)(getattr(part, name), file, part, problems)
         if setup is not None:
             found[name] = setup
     return found

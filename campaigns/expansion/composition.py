@@ -197,8 +197,8 @@ def _merge(
     """Return the campaigns as one, every case and control with its part's name before it."""
     first = next(iter(parts.values()))
     each = list(parts.items())
-    controls = [plan for name, one in each for plan in _named(name, one.controls)]
-    left = left_out + [f"{name}: {item}" for name, one in each for item in one.left_out]
+    controls = [plan for name, campaign in each for plan in _named(name, campaign.controls)]
+    left = left_out + [f"{name}: {item}" for name, campaign in each for item in campaign.left_out]
     if not part.fly_controls:
         left += [f"the controls of {name} (fly_controls: false)" for name, one in each]
     return replace(
@@ -207,28 +207,36 @@ def _merge(
         description=part.description,
         document=document,
         paths=tuple(
-            dict.fromkeys([document.path, *(p for one in parts.values() for p in one.paths)])
+            dict.fromkeys(
+                [document.path, *(p for campaign in parts.values() for p in campaign.paths)]
+            )
         ),
-        cases=tuple(f"{name}.{case}" for name, one in each for case in one.cases),
-        modes=tuple(dict.fromkeys(mode for one in parts.values() for mode in one.modes)),
-        repetitions=max(one.repetitions for one in parts.values()),
+        cases=tuple(f"{name}.{case}" for name, campaign in each for case in campaign.cases),
+        modes=tuple(dict.fromkeys(mode for campaign in parts.values() for mode in campaign.modes)),
+        repetitions=max(campaign.repetitions for campaign in parts.values()),
         seed=first.seed if part.seed is None else part.seed,
-        setups={f"{name}.{case}": s for name, one in each for case, s in one.setups.items()},
-        runs=tuple(plan for name, one in each for plan in _named(name, one.runs)),
+        setups={
+            f"{name}.{case}": s for name, campaign in each for case, s in campaign.setups.items()
+        },
+        runs=tuple(plan for name, campaign in each for plan in _named(name, campaign.runs)),
         requirements=tuple(
             replace(wanted, case=f"{name}.{wanted.case}")
-            for name, one in each
-            for wanted in one.requirements
+            for name, campaign in each
+            for wanted in campaign.requirements
         ),
         left_out=tuple(left),
         controls=tuple(controls) if part.fly_controls else (),
-        warnings=unique([warning for one in parts.values() for warning in one.warnings]),
+        warnings=unique([warning for campaign in parts.values() for warning in campaign.warnings]),
         caveats=(
-            *dict.fromkeys(f"{name}: {caveat}" for name, one in each for caveat in one.caveats),
+            *dict.fromkeys(
+                f"{name}: {caveat}" for name, campaign in each for caveat in campaign.caveats
+            ),
             *set_texts(options.sets, None),
         ),
         options=options,
-        benches=tuple({one.name: one for part in parts.values() for one in part.benches}.values()),
+        benches=tuple(
+            {bench.name: bench for part in parts.values() for bench in part.benches}.values()
+        ),
     )
 
 

@@ -9,7 +9,7 @@ from wil_campaign.campaigns.schema import CampaignPart, Mode
 from wil_campaign.campaigns.schema.controls import ControlPart
 from wil_campaign.campaigns.schema.vehicles import VEHICLES
 from wil_campaign.campaigns.setup.case_files import CaseFiles, case_files
-from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.campaigns.setup.overrides import Override, overrides_at, overrides_of_case
 from wil_campaign.campaigns.values.expectation import Expectation
 from wil_campaign.foundation.files.documents import Document, Problem, closest
@@ -74,7 +74,7 @@ def files_of_controls(
 
 
 def control_problems(
-    base: Document, part: CampaignPart, setups: Mapping[str, Setup]
+    base: Document, part: CampaignPart, setups: Mapping[str, Case]
 ) -> Iterator[Problem]:
     """Yield problems of the controls themselves: names, cases, modes, oracles."""
     for name, control in part.controls.items():
@@ -94,10 +94,10 @@ def control_problems(
             yield from _oracle_problems(base, name, oracle, setups[name])
 
 
-def _oracle_problems(base: Document, name: str, oracle: str, setup: Setup) -> Iterator[Problem]:
+def _oracle_problems(base: Document, name: str, oracle: str, case: Case) -> Iterator[Problem]:
     """Yield a control's expected oracle that the campaign lacks, or that cannot fail a run."""
     path = ("controls", name, "expect", "oracle")
-    required = {use.name: use.parameters.required for use in setup.oracles}
+    required = {use.name: use.parameters.required for use in case.oracles}
     if oracle in required and not required[oracle]:
         message = f"'{oracle}' is not required (required: false), so it cannot fail a run"
         yield base.problem(path, message)

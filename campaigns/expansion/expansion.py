@@ -27,7 +27,7 @@ from wil_campaign.campaigns.schema.composition import CompositionPart
 from wil_campaign.campaigns.setup.bench_file import Bench
 from wil_campaign.campaigns.setup.bench_resolution import bench_request, choose_bench, completion_of
 from wil_campaign.campaigns.setup.case_files import CaseFiles, case_files
-from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.campaigns.setup.overrides import Override, override_from_option, overrides_of_case
 from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
 from wil_campaign.campaigns.values.acceptance import Requirement, Share
@@ -91,7 +91,7 @@ class RunPlan:
         """Return the planned run's folder below the campaign's: case/mode/repetition."""
         return f"{self.case}/{self.mode}/{self.repetition}"
 
-    def setup(self) -> Setup:
+    def setup(self) -> Case:
         """Return the setup of a planned run, read from its documents. Raises BadInput."""
         return read_setup(self.files, (self.mode,), loads_code=self.loads_code)
 
@@ -119,7 +119,7 @@ class Campaign:
     modes: tuple[Mode, ...]
     repetitions: int
     seed: int
-    setups: Mapping[str, Setup]
+    setups: Mapping[str, Case]
     runs: tuple[RunPlan, ...]
     requirements: tuple[Requirement, ...]
     left_out: tuple[str, ...] = ()
@@ -150,7 +150,7 @@ class _Read:
     part: CampaignPart
     bench: Bench | None
     files: Mapping[str, CaseFiles]
-    setups: Mapping[str, Setup]
+    setups: Mapping[str, Case]
 
     @property
     def retries(self) -> int:
@@ -184,11 +184,13 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     selected = _select(read, options)
     part, bench, files, setups = read.part, read.bench, read.files, read.setups
     caveats = [
-        one
+        caveat
         for name in selected.cases
-        for one in caveats_of(files[name], setups[name], tuple(part.modes))
+        for caveat in caveats_of(files[name], setups[name], tuple(part.modes))
     ]
-    injected = [f"fault injected: {one}" for name in selected.cases for one in setups[name].faults]
+    injected = [
+        f"fault injected: {fault}" for name in selected.cases for fault in setups[name].faults
+    ]
     # A composition's own options hold for all of its parts: it names them once.
     given = [] if options.composition else set_texts(options.sets, original)
     warnings = list(_warnings(part, {name: files[name] for name in selected.names}, setups))
@@ -217,7 +219,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         between=part.between_runs,
         controls=selected.controls,
         warnings=unique([*caveats, *warnings]),
-        caveats=tuple(dict.fromkeys([one.message for one in caveats] + injected + given)),
+        caveats=tuple(dict.fromkeys([caveat.message for caveat in caveats] + injected + given)),
         options=options,
         benches=() if bench is None else (bench,),
     )
@@ -242,9 +244,9 @@ def _read(original: Document, options: Options) -> _Read:
     )
     setups = _setups(read, files, () if part is None else tuple(part.modes), problems, warnings)
     if part is not None:
-        for name, one in of_controls.items():
+        for name, of_control in of_controls.items():
             flown = modes_of(part, part.controls[name])
-            setups |= _setups(read, {name: one}, flown, problems, warnings)
+            setups |= _setups(read, {name: of_control}, flown, problems, warnings)
         problems += control_problems(document, part, setups)
     if part is None or problems:
         raise BadInput(unique(problems), unique(warnings))
@@ -302,20 +304,20 @@ def requested_bench(path: Path, options: Options) -> tuple[Document, BenchReques
 
 
 def _paths(files: Iterable[CaseFiles], bench: Bench | None) -> tuple[Path, ...]:
-    found = [path for one in files for path in one.paths]
+    found = [path for file in files for path in file.paths]
     if bench is not None and is_file(bench.document.path):
         found.append(bench.document.path)
     return tuple(dict.fromkeys(found))
 
 
 def _warnings(
-    part: CampaignPart, files: Mapping[str, CaseFiles], setups: Mapping[str, Setup]
+    part: CampaignPart, files: Mapping[str, CaseFiles], setups: Mapping[str, Case]
 ) -> Iterator[Problem]:
-    for name, one in files.items():
+    for name, file in files.items():
         control = part.controls.get(name)
         modes = tuple(part.modes) if control is None else modes_of(part, control)
-        yield from case_warnings(one, setups[name], modes)
-        yield from import_warnings(one, setups[name])
+        yield from case_warnings(file, setups[name], modes)
+        yield from import_warnings(file, setups[name])
 
 
 def _option_overrides(options: Options) -> tuple[Override, ...]:
@@ -360,17 +362,17 @@ def _files_of_cases(
 
 
 def _setups(
-    read: Callable[[CaseFiles, tuple[Mode, ...]], Setup],
+    read: Callable[[CaseFiles, tuple[Mode, ...]], Case],
     files: Mapping[str, CaseFiles],
     modes: tuple[Mode, ...],
     problems: list[Problem],
     warnings: list[Problem],
-) -> dict[str, Setup]:
+) -> dict[str, Case]:
     """Return the setup of every expanded case; problems are collected."""
-    found: dict[str, Setup] = {}
-    for name, one in files.items():
+    found: dict[str, Case] = {}
+    for name, file in files.items():
         try:
-            found[name] = read(one, modes)
+            found[name] = read(file, modes)
         except BadInput as error:
             problems += error.problems
             warnings += error.warnings

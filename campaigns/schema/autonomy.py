@@ -63,7 +63,10 @@ class AutonomyPart(Part):
     def _one_kind(self) -> Self:
         """Require `use` or one other kind of a campaign's autonomy."""
         if self.use is None and not self.foreign:
-            others = (f"{one.name}: ({one.value})" for one in added(autonomy_kinds).values())
+            others = (
+                f"{autonomy_kind.name}: ({autonomy_kind.value})"
+                for autonomy_kind in added(autonomy_kinds).values()
+            )
             raise ValueError(f"give {' or '.join(('use: (a class)', *others))}")
         for name in self.foreign[:1]:
             kind = added(autonomy_kinds)[name]

@@ -381,7 +381,7 @@ def campaign_model() -> type[CampaignPart]:
         for name, key in added(campaign_keys, own).items()
     }
     observers = added(run_observers, own.union(keys))
-    keys |= {name: load(one.field)() for name, one in observers.items()}
+    keys |= {name: load(observer.field)() for name, observer in observers.items()}
     for hook in (campaign_keys, run_observers):
         keys |= {name: (refused(why), None) for name, why in absent(hook).items()}
     keys["operator"] = (operator_model(), operator_model()())

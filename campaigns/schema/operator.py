@@ -64,7 +64,7 @@ class OperatorPart(Part):
 class ChannelPart(Part):
     """The value of a key of `operator` that a plugin adds: a channel by which people command."""
 
-    def setup(self, campaign: Document, operator: OperatorPart, problems: list[Problem]) -> object:
+    def setup(self, file: Document, operator: OperatorPart, problems: list[Problem]) -> object:
         """Return the channel's setup as it is opened with; what is missing is noted."""
         raise NotImplementedError
 

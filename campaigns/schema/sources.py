@@ -183,7 +183,11 @@ class ReadingSourcePart(Part):
         """Return the kind of source that the address names. Raises KeyFaultError."""
         if self.address == "mavlink":
             return "mavlink"
-        of_plugins = {name: one for name, one in added(sources).items() if name not in OWN_SOURCES}
+        of_plugins = {
+            name: sensor_source
+            for name, sensor_source in added(sources).items()
+            if name not in OWN_SOURCES
+        }
         match = re.fullmatch(r"tcp://[^:/@\s]+:(\d{1,5})", self.address)
         if match is not None and 0 < int(match[1]) < 65536:
             return _installed_kind("zmq")

@@ -77,7 +77,7 @@ class ActorSetup(FlownSetup):
 
 
 def actor_setups(
-    campaign: Document,
+    file: Document,
     parts: Mapping[str, ActorPart],
     world: World,
     taken: Mapping[str, int],
@@ -96,15 +96,15 @@ def actor_setups(
         other = next((one for one, system_id in ids.items() if system_id == own_id), None)
         if other is not None:
             message = f"'{other}' also has system id {own_id}; give '{name}' a different one"
-            problems.append(campaign.problem((*at, "system_id"), message))
+            problems.append(file.problem((*at, "system_id"), message))
         ids[name] = own_id
         if part.link == "embedded":
-            problems += unknown_parameters(campaign, at, part.autopilot, part.params)
-        profile = profile_of(campaign, at, part.profile, problems)
-        link = link_of(campaign, at, part.link, part.params, problems)
-        rates = rates_of(campaign, at, part, problems)
+            problems += unknown_parameters(file, at, part.autopilot, part.params)
+        profile = profile_of(file, at, part.profile, problems)
+        link = link_of(file, at, part.link, part.params, problems)
+        rates = rates_of(file, at, part, problems)
         thing = objects.get(name)
-        wrong = list(_object_problems(campaign, at, name, thing, tuple(objects)))
+        wrong = list(_object_problems(file, at, name, thing, tuple(objects)))
         problems += wrong
         if wrong or thing is None or thing.motion is None:
             continue
@@ -118,7 +118,7 @@ def actor_setups(
             system_id=own_id,
             pose_source=part.poses_from,
             params=dict(part.params),
-            signing=key_source_of(campaign, part.signing),
+            signing=key_source_of(file, part.signing),
             rates=rates,
             motion=thing.motion,
             max_offset_m=part.max_offset_m,
@@ -131,7 +131,7 @@ def actor_setups(
 
 
 def actor_fences(
-    campaign: Document,
+    file: Document,
     parts: Mapping[str, ActorPart],
     frame: LocalFrame,
     problems: list[Problem],
@@ -144,7 +144,7 @@ def actor_fences(
         try:
             found[name] = require_few_corners(part.geofence.fence(frame))
         except FenceError as error:
-            problems.append(campaign.problem(("actors", name, "geofence"), str(error), key=True))
+            problems.append(file.problem(("actors", name, "geofence"), str(error), key=True))
     return found
 
 
@@ -160,30 +160,30 @@ def _virtual(actor: ActorSetup, part: ActorPart) -> ActorSetup | None:
 
 
 def _object_problems(
-    campaign: Document, at: KeyPath, name: str, thing: SceneObject | None, known: tuple[str, ...]
+    file: Document, at: KeyPath, name: str, thing: SceneObject | None, known: tuple[str, ...]
 ) -> Iterator[Problem]:
     """Yield reasons why no vehicle can fly as an object of the world."""
     if name in {"real", "twin"}:
         message = f"'{name}' is a vehicle of the pair; name an actor after an object of the world"
-        yield campaign.problem(at, message, key=True)
+        yield file.problem(at, message, key=True)
     elif thing is None:
         message = f"the world has no object '{name}'"
-        yield campaign.problem(at, message, closest(name, known), key=True)
+        yield file.problem(at, message, closest(name, known), key=True)
     elif thing.motion is None:
         message = f"'{name}' has no motion in the world file, which its vehicle needs; add one"
-        yield campaign.problem(at, message, key=True)
+        yield file.problem(at, message, key=True)
     elif thing.shape.limbs:
         message = f"'{name}' is a {thing.shape.kind}; a vehicle flies as an object without limbs"
-        yield campaign.problem(at, message, key=True)
+        yield file.problem(at, message, key=True)
     elif thing.motion.loop:
         message = f"the motion of '{name}' repeats for ever; a vehicle flies a motion that ends"
-        yield campaign.problem(at, message, key=True)
+        yield file.problem(at, message, key=True)
     elif not _takes_off(thing.motion):
         message = (
             f"the first waypoint of '{name}' is not above its start: the vehicle takes off to it; "
             f"give it the same north_m and east_m, and an up_m higher by {_LEAST_CLIMB_M:g} m"
         )
-        yield campaign.problem(at, message, key=True)
+        yield file.problem(at, message, key=True)
 
 
 def _takes_off(motion: Motion) -> bool:

@@ -54,7 +54,7 @@ class ForeignAutonomy(ABC):
         return True
 
     @abstractmethod
-    def problems(self, campaign: Document, folder: Path) -> list[Problem]:
+    def problems(self, file: Document, folder: Path) -> list[Problem]:
         """Return what is wrong with it. folder: to which its files are relative."""
 
 

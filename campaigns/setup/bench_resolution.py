@@ -41,36 +41,36 @@ _FILES: tuple[KeyPath, ...] = (
 """Keys that name a file beside the bench file; those of sensors are found by `_names_file`."""
 
 
-def bench_request(campaign: Document) -> BenchRequestPart | None:
+def bench_request(file: Document) -> BenchRequestPart | None:
     """Return a campaign's request for a bench; None without one. Raises BadInput."""
-    if campaign.get(BENCH) is None:
+    if file.get(BENCH) is None:
         return None
-    return check(campaign, BenchRequestPart, at=BENCH)
+    return check(file, BenchRequestPart, at=BENCH)
 
 
-def choose_bench(campaign: Document, benches: Sequence[Bench]) -> Bench | None:
+def choose_bench(file: Document, benches: Sequence[Bench]) -> Bench | None:
     """Return the bench that a campaign asks for, the first by name; None where it asks for none.
 
     Raises BadInput where none of these fits, or where one is given and none is asked for.
     """
-    request = bench_request(campaign)
+    request = bench_request(file)
     if request is None:
         if benches:
             names = " or ".join(sorted(bench.name for bench in benches))
             message = f"asks for no bench, but --bench-file gives {names}; write `bench: {names}`"
-            raise BadInput([campaign.problem(("campaign",), message, key=True)])
+            raise BadInput([file.problem(("campaign",), message, key=True)])
         return None
     if not benches:
         message = (
             "asks for a bench: give the file of one of this machine by --bench-file FILE, or fly "
             "over a cluster that a bench has joined, by --engine ray://HOST:PORT"
         )
-        raise BadInput([campaign.problem(BENCH, message, key=True)])
+        raise BadInput([file.problem(BENCH, message, key=True)])
     facts = [bench.facts for bench in benches]
     fitting = fitting_benches(request, facts)
     if not fitting:
-        raise BadInput([no_bench(campaign, request, facts)])
-    name = min(one.name for one in fitting)
+        raise BadInput([no_bench(file, request, facts)])
+    name = min(bench_facts.name for bench_facts in fitting)
     return next(bench for bench in benches if bench.name == name)
 
 
@@ -84,20 +84,20 @@ def fitting_benches(request: BenchRequestPart, benches: Sequence[BenchFacts]) ->
     ]
 
 
-def with_bench(campaign: Document, bench: Bench) -> Document:
+def with_bench(file: Document, bench: Bench) -> Document:
     """Return a campaign with its bench's vehicle and fence. Raises BadInput.
 
     Each value keeps its place in its own file. A key that both files have is a problem.
     """
     merger = _Merger(bench)
-    root = campaign.root
+    root = file.root
     for path in _TAKEN:
         entry = bench.document.entry(path)
         taken = Entry(entry.key, _absolute(entry.node, path, bench.document.path.parent))
         root = merger.add(root, (), path, taken)
     if merger.problems:
         raise BadInput(merger.problems)
-    return Document(campaign.path, root)
+    return Document(file.path, root)
 
 
 def completion_of(bench: Bench | None) -> Callable[[Document], Document]:
@@ -105,12 +105,12 @@ def completion_of(bench: Bench | None) -> Callable[[Document], Document]:
     return (lambda document: document) if bench is None else partial(with_bench, bench=bench)
 
 
-def departure(campaign: Document, bench: Bench) -> str:
+def departure(file: Document, bench: Bench) -> str:
     """Return how a campaign's vehicles and fence differ from those of its bench; "" if they agree.
 
     campaign: one that has been completed by `with_bench`, perhaps on another machine.
     """
-    there = campaign.data
+    there = file.data
     vehicles = there.get("vehicles") if isinstance(there, dict) else None
     twin = vehicles.get("twin") if isinstance(vehicles, dict) else None
     link = twin.get("link") if isinstance(twin, dict) else None
@@ -124,7 +124,7 @@ def departure(campaign: Document, bench: Bench) -> str:
     for path in _TAKEN:
         entry = bench.document.entry(path)
         wanted = plain(_absolute(entry.node, path, bench.document.path.parent))
-        found = _differing(campaign.get(path), wanted, path)
+        found = _differing(file.get(path), wanted, path)
         if found:
             return f"{'.'.join(map(str, found))} differs from that of bench {bench.name}"
     return ""
@@ -147,27 +147,25 @@ def _has(bench: BenchFacts, key: str, value: PropertyValue) -> bool:
     return there == value and isinstance(there, bool) == isinstance(value, bool)
 
 
-def no_bench(
-    campaign: Document, request: BenchRequestPart, benches: Sequence[BenchFacts]
-) -> Problem:
+def no_bench(file: Document, request: BenchRequestPart, benches: Sequence[BenchFacts]) -> Problem:
     """Return why no bench fits, at the key that no bench has."""
     named = [bench for bench in benches if request.name in {None, bench.name}]
     ordered = sorted(benches, key=lambda bench: bench.name)
     there = "; ".join(map(str, ordered)) or "none"
     if not named:
-        at = BENCH if isinstance(campaign.get(BENCH), str) else (*BENCH, "name")
+        at = BENCH if isinstance(file.get(BENCH), str) else (*BENCH, "name")
         message = f"there is no bench '{request.name}'; there is {there}"
-        return campaign.problem(at, message, closest(str(request.name), [b.name for b in benches]))
+        return file.problem(at, message, closest(str(request.name), [b.name for b in benches]))
     for key, value in request.properties.items():
         at = (*BENCH, "properties", key)
         if not any(key in bench.properties for bench in named):
             known = sorted({name for bench in named for name in bench.properties})
             message = f"no bench has the property '{key}'; there is {there}"
-            return campaign.problem(at, message, closest(key, known), key=True)
+            return file.problem(at, message, closest(key, known), key=True)
         if not any(_has(bench, key, value) for bench in named):
-            return campaign.problem(at, f"no bench has {key}: {in_file(value)}; there is {there}")
+            return file.problem(at, f"no bench has {key}: {in_file(value)}; there is {there}")
     message = f"no bench has all of these properties; there is {there}"
-    return campaign.problem((*BENCH, "properties"), message, key=True)
+    return file.problem((*BENCH, "properties"), message, key=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,8 +195,8 @@ class _Merger:
         """Return the value of a key that both files have."""
         if path in _MERGED and isinstance(taken.node.value, dict) and _is_open(present.node):
             merged = present.node
-            for name, one in taken.node.value.items():
-                merged = self.add(merged, path, (name,), one)
+            for name, entry in taken.node.value.items():
+                merged = self.add(merged, path, (name,), entry)
             return merged
         where = printable(f"{taken.key.source.name}:{taken.key.line}:{taken.key.column}")
         message = f"{'.'.join(map(str, path))} is defined by bench {self.bench.name} ({where})"
@@ -215,8 +213,8 @@ def _absolute(node: Node, path: KeyPath, folder: Path) -> Node:
     """Return a bench's value with the files that it names, beside the bench file, absolute."""
     if isinstance(node.value, dict):
         inner = {
-            key: Entry(one.key, _absolute(one.node, (*path, key), folder))
-            for key, one in node.value.items()
+            key: Entry(entry.key, _absolute(entry.node, (*path, key), folder))
+            for key, entry in node.value.items()
         }
         return mapping_node(inner, node.place)
     if not (isinstance(node.value, str) and _names_file(path, node.value)):

@@ -64,11 +64,11 @@ def _draws_speeds(objects: Data) -> bool:
         for one in (objects if isinstance(objects, dict) else {}).values()
         if isinstance(one, dict)
     ]
-    return any(isinstance(one, dict) and one.get("speed_sd_m_s") for one in motions)
+    return any(isinstance(motion, dict) and motion.get("speed_sd_m_s") for motion in motions)
 
 
 def case_files(
-    campaign: Document,
+    file: Document,
     overrides: Iterable[Override],
     complete: Callable[[Document], Document] = lambda document: document,
 ) -> tuple[CaseFiles, list[Problem]]:
@@ -79,50 +79,50 @@ def case_files(
     """
     problems: list[Problem] = []
     ordered = tuple(overrides)
-    campaign = apply_overrides(campaign, (o for o in ordered if o.file == "campaign"), problems)
+    file = apply_overrides(file, (o for o in ordered if o.file == "campaign"), problems)
     try:
-        campaign = complete(campaign)
+        file = complete(file)
     except BadInput as error:
         problems += error.problems
     found: dict[str, Document | None] = {}
     for key in OVERRIDDEN_FILES:
         inner = [override for override in ordered if override.file == key]
-        document = _named_file(campaign, (key,), problems)
+        document = _named_file(file, (key,), problems)
         if document is not None:
             document = apply_overrides(document, inner, problems)
-        elif campaign.get((key,)) is None:
+        elif file.get((key,)) is None:
             problems += [
                 override.entry.key.problem(f"'{override.dotted_key}': the campaign has no {key}")
                 for override in inner
             ]
         found[key] = document
-    fences = fence_files(campaign, problems)
-    return CaseFiles(campaign, found["world"], found["recipe"], fences), problems
+    fences = fence_files(file, problems)
+    return CaseFiles(file, found["world"], found["recipe"], fences), problems
 
 
-def fence_files(campaign: Document, problems: list[Problem]) -> dict[str, Document]:
+def fence_files(file: Document, problems: list[Problem]) -> dict[str, Document]:
     """Return the files that a geofence names, by their names there; problems are collected."""
     found: dict[str, Document] = {}
     for place in (("geofence",), ("geofence", "real"), ("geofence", "twin")):
-        document = _named_file(campaign, (*place, "file"), problems, is_fence=True)
+        document = _named_file(file, (*place, "file"), problems, is_fence=True)
         if document is not None:
-            found[str(campaign.get((*place, "file")))] = document
+            found[str(file.get((*place, "file")))] = document
     return found
 
 
 def _named_file(
-    campaign: Document, key: DocumentPath, problems: list[Problem], *, is_fence: bool = False
+    file: Document, key: DocumentPath, problems: list[Problem], *, is_fence: bool = False
 ) -> Document | None:
     """Return the case's file named at a path of the campaign; None without one."""
-    text = campaign.get(key)
+    text = file.get(key)
     if not isinstance(text, str):
         return None
-    path = campaign.path.parent / text
+    path = file.path.parent / text
     if not exists(path):
         message = f"there is no file '{text}' beside the campaign"
-        problems.append(campaign.problem(key, message, _sibling(text, path)))
+        problems.append(file.problem(key, message, _sibling(text, path)))
         return None
-    name = os.path.normpath(Path(campaign.name).parent / text)
+    name = os.path.normpath(Path(file.name).parent / text)
     try:
         if key == ("recipe",):
             return load_recipe_document(path, name)

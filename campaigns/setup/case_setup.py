@@ -26,11 +26,11 @@ _USUAL = GuardSettings()
 
 __all__ = [
     "CameraSetup",
+    "Case",
     "GoalSetup",
     "GuardingSetup",
     "LinkSetup",
     "SensorSetup",
-    "Setup",
     "SyncSetup",
     "VehicleSetup",
 ]
@@ -42,7 +42,7 @@ FLIES: Mapping[Mode, tuple[VehicleName, ...]] = {
     "real": ("real",),
 }
 """The vehicles of each mode; the first is the subject, which is judged. All of them fly, except a
-placed twin (`Setup.flying`)."""
+placed twin (`Case.flying`)."""
 
 
 class SyncSetup(SyncPart):
@@ -80,7 +80,7 @@ class ObserverSetup:
         """Return whether the autopilots themselves get what is mixed."""
         return False
 
-    def problems(self, _files: CaseFiles, _setup: "Setup", _mode: Mode, /) -> Iterator[Problem]:
+    def problems(self, _files: CaseFiles, _setup: "Case", _mode: Mode, /) -> Iterator[Problem]:
         """Yield what is wrong with a case in one mode. _setup: of the whole case."""
         yield from ()
 
@@ -90,7 +90,7 @@ class ObserverSetup:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Setup:
+class Case:
     """The complete setup of one case.
 
     actors: vehicles that fly as objects of the world, by the object's name. observers: of its runs,
@@ -153,7 +153,7 @@ class Setup:
 
     def pace(self, mode: Mode) -> float | None:
         """Return how many times real time a case's vehicles fly (scaled clock); None: not given."""
-        launched = (one.launch_pace for one in self.flown_in(mode))
+        launched = (flown.launch_pace for flown in self.flown_in(mode))
         return next((pace for pace in launched if pace is not None), self.speed)
 
     def needing_wall_clock(self) -> Iterator[tuple[Path, str]]:

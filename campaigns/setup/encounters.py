@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.actor_setups import ActorSetup
-from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup, VehicleSetup
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.fence.separation import moved, separation_m
@@ -56,26 +56,26 @@ class Encounter:
         return math.dist(ours.position_ned_m[:2], theirs.position_ned_m[:2])
 
 
-def encounters(setup: Setup, mode: Mode) -> Iterator[Encounter]:
+def encounters(case: Case, mode: Mode) -> Iterator[Encounter]:
     """Yield each attached actor of a mode with each attached vehicle before it, except the twin.
 
     A twin is simulated even where it is attached.
     """
-    attached = [one for one in setup.flown_in(mode) if one.attached and one.name != "twin"]
+    attached = [flown for flown in case.flown_in(mode) if flown.attached and flown.name != "twin"]
     for index, actor in enumerate(attached):
         for other in attached[:index]:
             if isinstance(actor, ActorSetup):
-                yield _encounter(setup, actor, other)
+                yield _encounter(case, actor, other)
 
 
-def _encounter(setup: Setup, actor: ActorSetup, other: FlownSetup) -> Encounter:
-    ours, theirs = _fence(setup, actor), _fence(setup, other)
+def _encounter(case: Case, actor: ActorSetup, other: FlownSetup) -> Encounter:
+    ours, theirs = _fence(case, actor), _fence(case, other)
     apart_m = 0.0 if ours is None or theirs is None else separation_m(ours, theirs)
     return Encounter(actor, other, theirs, apart_m, actor.reach_m + _reach_m(other))
 
 
-def _fence(setup: Setup, vehicle: FlownSetup) -> Fence | None:
-    fence = setup.fences.get(vehicle.name)
+def _fence(case: Case, vehicle: FlownSetup) -> Fence | None:
+    fence = case.fences.get(vehicle.name)
     if fence is None or not isinstance(vehicle, ActorSetup) or vehicle.place is None:
         return fence
     return moved(fence, start=vehicle.start, to=vehicle.place)

@@ -15,45 +15,45 @@ from wil_campaign.worlds.camera import CameraMount
 
 
 def sensor_setups(
-    campaign: Document, vehicle: VehicleName, part: VehiclePart, problems: list[Problem]
+    file: Document, vehicle: VehicleName, part: VehiclePart, problems: list[Problem]
 ) -> tuple[SensorSetup, ...]:
     """Return a vehicle's sensor setups; problems of their external files are collected."""
     found: list[SensorSetup] = []
-    for name, one in part.sensors.items():
+    for name, sensor in part.sensors.items():
         path = ("vehicles", vehicle, "sensors", name)
-        outside = isinstance(one, CameraPart) and (one.source or one.calibration)
-        if isinstance(one, CameraPart) and outside:
-            camera = _camera(campaign, path, one, problems)
+        outside = isinstance(sensor, CameraPart) and (sensor.source or sensor.calibration)
+        if isinstance(sensor, CameraPart) and outside:
+            camera = _camera(file, path, sensor, problems)
             found += [] if camera is None else [camera]
-        elif isinstance(one, SourcedPart) and one.source is not None:
+        elif isinstance(sensor, SourcedPart) and sensor.source is not None:
             try:
-                found.append(_sourced(campaign, part, one, one.setup(name)))
+                found.append(_sourced(file, part, sensor, sensor.setup(name)))
             except KeyFaultError as error:
-                found.append(one.setup(name))
-                problems.append(campaign.problem((*path, *error.path), str(error)))
+                found.append(sensor.setup(name))
+                problems.append(file.problem((*path, *error.path), str(error)))
         else:
-            found.append(one.setup(name))
+            found.append(sensor.setup(name))
     return tuple(found)
 
 
 def _sourced(
-    campaign: Document, vehicle: VehiclePart, part: SourcedPart, setup: SourcedSetup
+    file: Document, vehicle: VehiclePart, part: SourcedPart, setup: SourcedSetup
 ) -> SensorSetup:
     if part.source is None:
         return setup
     message = part.sourced_from(vehicle.autopilot)
     try:
-        source = part.source.setup(_folder(campaign), sensor=setup.name, message=message)
+        source = part.source.setup(_folder(file), sensor=setup.name, message=message)
     except KeyFaultError as error:
         raise KeyFaultError(("source", *error.path), str(error)) from error
     return replace(setup, source=source)
 
 
 def _camera(
-    campaign: Document, path: KeyPath, part: CameraPart, problems: list[Problem]
+    file: Document, path: KeyPath, part: CameraPart, problems: list[Problem]
 ) -> CameraSetup | None:
     """Return a camera's setup with external calibration and source; None when they are bad."""
-    calibration = _calibration(campaign, path, part, problems)
+    calibration = _calibration(file, path, part, problems)
     if part.calibration is not None and calibration is None:
         return None
     intrinsics = part.intrinsics() if calibration is None else calibration.camera.intrinsics()
@@ -68,9 +68,9 @@ def _camera(
         return setup
     latency_ms = None if calibration is None else calibration.latency_ms
     try:
-        source = part.source.setup(_folder(campaign), latency_s=(latency_ms or 0.0) / 1000.0)
+        source = part.source.setup(_folder(file), latency_s=(latency_ms or 0.0) / 1000.0)
     except KeyFaultError as error:
-        problems.append(campaign.problem((*path, "source", *error.path), str(error)))
+        problems.append(file.problem((*path, "source", *error.path), str(error)))
         return setup
     return replace(setup, source=source)
 
@@ -101,5 +101,5 @@ def _calibration(
     return found
 
 
-def _folder(campaign: Document) -> Path:
-    return campaign.path.parent
+def _folder(file: Document) -> Path:
+    return file.path.parent

@@ -16,7 +16,7 @@ from wil_campaign.vehicles.faults import FaultKind
 
 
 def fault_setups(
-    campaign: Document,
+    file: Document,
     part: FaultsPart,
     vehicles: Mapping[VehicleName, VehicleSetup],
     problems: list[Problem],
@@ -27,26 +27,28 @@ def fault_setups(
     for name, faults in given.items():
         if faults is None:
             continue
-        problems += _unknown_signals(campaign, name, faults, vehicles.get(name))
+        problems += _unknown_signals(file, name, faults, vehicles.get(name))
         if faults.pose_source is not None:
             found.append(_fault_of(name, None, faults.pose_source))
-        found += [_fault_of(name, sensor, one) for sensor, one in faults.sensors.items()]
+        found += [
+            _fault_of(name, sensor, signal_fault) for sensor, signal_fault in faults.sensors.items()
+        ]
     return tuple(found)
 
 
 def _unknown_signals(
-    campaign: Document, name: VehicleName, faults: VehicleFaultsPart, vehicle: VehicleSetup | None
+    file: Document, name: VehicleName, faults: VehicleFaultsPart, vehicle: VehicleSetup | None
 ) -> Iterator[Problem]:
     path: Path = ("faults", name)
     if vehicle is None:
-        yield campaign.problem(path, f"there is no vehicle '{name}'", key=True)
+        yield file.problem(path, f"there is no vehicle '{name}'", key=True)
         return
     known = [sensor.name for sensor in vehicle.sensors]
     for sensor in faults.sensors:
         if sensor not in known:
             message = f"vehicle '{name}' has no sensor '{sensor}'"
             at = (*path, "sensors", sensor)
-            yield campaign.problem(at, message, closest(sensor, known), key=True)
+            yield file.problem(at, message, closest(sensor, known), key=True)
 
 
 def _fault_of(vehicle: VehicleName, sensor: str | None, part: SignalFaultPart) -> SignalFault:

@@ -27,7 +27,9 @@ class LinkSetup:
 def link_setup(part: LinkPart) -> LinkSetup:
     """Return the setup of one vehicle's link from its YAML part."""
     fixed = tuple(
-        LinkOutage(one.from_s, one.for_s) for one in part.blackouts if one.from_s is not None
+        LinkOutage(outage.from_s, outage.for_s)
+        for outage in part.blackouts
+        if outage.from_s is not None
     )
 
     def way(own: WayPart | None) -> Impairment:
@@ -37,8 +39,8 @@ def link_setup(part: LinkPart) -> LinkSetup:
         outgoing=way(part.to_vehicle),
         incoming=way(part.from_vehicle),
         outages=tuple(
-            StageOutage(stage=one.on, after_s=one.after_s, for_s=one.for_s)
-            for one in part.blackouts
-            if one.on is not None
+            StageOutage(stage=outage.on, after_s=outage.after_s, for_s=outage.for_s)
+            for outage in part.blackouts
+            if outage.on is not None
         ),
     )

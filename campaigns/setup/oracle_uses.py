@@ -20,7 +20,7 @@ from wil_campaign.safety.oracles.registry import oracle_kinds, own_keys
 _WORDS = re.compile("[./]")
 
 
-def oracle_uses(campaign: Document) -> tuple[tuple[OracleUse, ...], list[Problem]]:
+def oracle_uses(file: Document) -> tuple[tuple[OracleUse, ...], list[Problem]]:
     """Return the oracles that a campaign uses with their parameters, and their problems.
 
     `name: {parameters}`; a name that is no kind of oracle gives its kind as `use`, or by a key of
@@ -30,19 +30,19 @@ def oracle_uses(campaign: Document) -> tuple[tuple[OracleUse, ...], list[Problem
     uses: list[OracleUse] = []
     problems: list[Problem] = []
     try:
-        value = campaign.entry(("oracles",)).node.value
+        value = file.entry(("oracles",)).node.value
     except KeyError:
         return (), []
     for name, entry in value.items() if isinstance(value, dict) else ():
         if isinstance(entry.node.value, dict) or entry.node.value is None:
             try:
-                uses.append(_use(campaign, name, entry))
+                uses.append(_use(file, name, entry))
             except BadInput as error:
                 problems += error.problems
     return tuple(uses), problems
 
 
-def _use(campaign: Document, name: str, entry: Entry) -> OracleUse:
+def _use(file: Document, name: str, entry: Entry) -> OracleUse:
     if _WORDS.split(name)[0] in PARTS:
         message = f"'{name}' is the name of a part of a run, which decides verdicts itself; give "
         raise BadInput(
@@ -61,5 +61,5 @@ def _use(campaign: Document, name: str, entry: Entry) -> OracleUse:
         message = f"unknown oracle '{kind}'" + ("" if meant else f" (known: {known})")
         raise BadInput([place.problem(message, meant)])
     rest = {key: inner for key, inner in value.items() if key != "use"}
-    parameters = Document(campaign.path, mapping_node(rest, entry.key))
+    parameters = Document(file.path, mapping_node(rest, entry.key))
     return OracleUse(name, kind, check(parameters, oracle_kinds()[kind].parameters))

@@ -46,15 +46,15 @@ def override_from_option(option: str, text: str) -> Override:
     return Override(key.strip(), parse_value(value, name=name))
 
 
-def overrides_of_case(campaign: Document, case: str) -> tuple[Override, ...]:
+def overrides_of_case(file: Document, case: str) -> tuple[Override, ...]:
     """Return the overrides of a case. Raises BadInput for overrides of the matrix itself."""
-    return overrides_at(campaign, ("cases", case))
+    return overrides_at(file, ("cases", case))
 
 
-def overrides_at(campaign: Document, path: Path) -> tuple[Override, ...]:
+def overrides_at(file: Document, path: Path) -> tuple[Override, ...]:
     """Return the overrides at a path of the campaign file. Raises BadInput like a case's."""
-    given = campaign.get(path)
-    value = campaign.entry(path).node.value if given is not None else None
+    given = file.get(path)
+    value = file.entry(path).node.value if given is not None else None
     if not isinstance(value, dict):
         return ()
     found = tuple(Override(key, entry) for key, entry in value.items())

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from wil_campaign.campaigns.schema import Mode, VehicleName
 from wil_campaign.campaigns.setup.blank_readings import blank_reading
-from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, SensorSetup
 from wil_campaign.recipes.model.recipe import Combination, Recipe
 from wil_campaign.recipes.pipeline.shape_check import blank_mixture
@@ -12,24 +12,24 @@ from wil_campaign.recipes.working import SIDES
 from wil_campaign.vehicles.readings import CameraReading
 
 
-def perceived_cameras(setup: Setup, mode: Mode, vehicle: VehicleName) -> tuple[CameraSetup, ...]:
+def perceived_cameras(case: Case, mode: Mode, vehicle: VehicleName) -> tuple[CameraSetup, ...]:
     """Return the cameras that a vehicle's autonomy perceives: mixed ones first, then its own.
 
     Intrinsics and rate are those of the images that arrive.
     """
-    recipe = setup.recipe if mode == "wil" else None
+    recipe = case.recipe if mode == "wil" else None
     combinations = () if recipe is None else recipe.combinations
-    mixed = [one for one in combinations if vehicle in one.publish]
-    cameras = () if recipe is None else tuple(_mixed_camera(setup, recipe, one) for one in mixed)
+    mixed = [combination for combination in combinations if vehicle in combination.publish]
+    cameras = () if recipe is None else tuple(_mixed_camera(case, recipe, one) for one in mixed)
     names = {one.sensor.name for one in mixed}
-    own = (one for one in setup.vehicles[vehicle].cameras if one.name not in names)
+    own = (one for one in case.vehicles[vehicle].cameras if one.name not in names)
     return (*(camera for camera in cameras if camera is not None), *own)
 
 
-def _mixed_camera(setup: Setup, recipe: Recipe, combination: Combination) -> CameraSetup | None:
+def _mixed_camera(case: Case, recipe: Recipe, combination: Combination) -> CameraSetup | None:
     """Return the real camera as its mixtures show it; None where a combination mixes no images."""
     sensor = combination.sensor
-    carried = {side: _sensor_named(setup, side, sensor.name) for side in SIDES}
+    carried = {side: _sensor_named(case, side, sensor.name) for side in SIDES}
     camera = carried["real"]
     if sensor.kind != "camera" or not isinstance(camera, CameraSetup):
         return None
@@ -43,6 +43,6 @@ def _mixed_camera(setup: Setup, recipe: Recipe, combination: Combination) -> Cam
     )
 
 
-def _sensor_named(setup: Setup, vehicle: VehicleName, name: str) -> SensorSetup:
+def _sensor_named(case: Case, vehicle: VehicleName, name: str) -> SensorSetup:
     """Return the sensor of a vehicle that a recipe mixes, which the checks found there."""
-    return next(sensor for sensor in setup.vehicles[vehicle].sensors if sensor.name == name)
+    return next(sensor for sensor in case.vehicles[vehicle].sensors if sensor.name == name)

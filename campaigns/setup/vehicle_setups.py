@@ -179,41 +179,39 @@ class VehicleSetup(FlownSetup):
     @property
     def cameras(self) -> tuple[CameraSetup, ...]:
         """Return the vehicle's cameras."""
-        return tuple(one for one in self.sensors if isinstance(one, CameraSetup))
+        return tuple(sensor for sensor in self.sensors if isinstance(sensor, CameraSetup))
 
     @property
     def sourced(self) -> tuple[tuple[SourcedSetup, ReadingSourceSetup], ...]:
         """Return the sensors, except cameras, whose readings are external, each with its source."""
         return tuple(
-            (one, one.source)
-            for one in self.sensors
-            if not isinstance(one, CameraSetup) and one.source is not None
+            (sensor, sensor.source)
+            for sensor in self.sensors
+            if not isinstance(sensor, CameraSetup) and sensor.source is not None
         )
 
 
 def vehicle_setups(
-    campaign: Document, part: VehiclesPart, problems: list[Problem]
+    file: Document, part: VehiclesPart, problems: list[Problem]
 ) -> dict[VehicleName, VehicleSetup]:
     """Return the setups of a campaign's vehicles; problems are collected."""
     given = {name: getattr(part, name) for name in VEHICLES}
     return {
-        name: _vehicle(campaign, name, one, problems)
-        for name, one in given.items()
-        if one is not None
+        name: _vehicle(file, name, one, problems) for name, one in given.items() if one is not None
     }
 
 
 def _vehicle(
-    campaign: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
+    file: Document, name: VehicleName, part: VehiclePart, problems: list[Problem]
 ) -> VehicleSetup:
     at: KeyPath = ("vehicles", name)
     if part.link == "embedded":
-        problems += unknown_parameters(campaign, at, part.autopilot, part.params)
+        problems += unknown_parameters(file, at, part.autopilot, part.params)
     return VehicleSetup(
         name=name,
-        link=link_of(campaign, at, part.link, part.params, problems),
+        link=link_of(file, at, part.link, part.params, problems),
         autopilot=part.autopilot,
-        profile=profile_of(campaign, at, part.profile, problems),
+        profile=profile_of(file, at, part.profile, problems),
         physics=part.physics,
         start=part.start.pose(),
         driver=part.driver,
@@ -225,11 +223,11 @@ def _vehicle(
         mocap=None if part.mocap is None else part.mocap.setup(name),
         pose_accuracy=_pose_accuracy(part),
         accuracy_given=part.pose_accuracy is not None,
-        sensors=sensor_setups(campaign, name, part, problems),
-        signing=key_source_of(campaign, part.signing),
-        rates=rates_of(campaign, at, part, problems),
+        sensors=sensor_setups(file, name, part, problems),
+        signing=key_source_of(file, part.signing),
+        rates=rates_of(file, at, part, problems),
         max_gap_s=part.telemetry.max_gap_s,
-        spares=tuple(parse_link(one) for one in part.spare_links),
+        spares=tuple(parse_link(spare_link) for spare_link in part.spare_links),
         coupling=part.coupling,
         permits_dead_reckoning=part.permit_dead_reckoning,
         body=EMBEDDED_BODY if part.body is None else part.body.shape(),
@@ -243,7 +241,7 @@ def _pose_accuracy(part: VehiclePart) -> PoseAccuracy:
 
 
 def unknown_parameters(
-    campaign: Document, at: KeyPath, autopilot: AutopilotName, params: Iterable[str]
+    file: Document, at: KeyPath, autopilot: AutopilotName, params: Iterable[str]
 ) -> Iterator[Problem]:
     """Yield `params` of an embedded vehicle that its autopilot does not have; at: its place."""
     known = known_parameters(autopilot)
@@ -251,22 +249,22 @@ def unknown_parameters(
         if parameter not in known:
             message = f"the embedded {autopilot} has no parameter '{parameter}'"
             path = (*at, "params", parameter)
-            yield campaign.problem(path, message, closest(parameter, known), key=True)
+            yield file.problem(path, message, closest(parameter, known), key=True)
 
 
 def unused_settings(
-    campaign: Document, at: KeyPath, autopilot: AutopilotName, params: Mapping[str, float]
+    file: Document, at: KeyPath, autopilot: AutopilotName, params: Mapping[str, float]
 ) -> Iterator[Problem]:
     """Yield warnings for `params` on which the embedded autopilot does not act; at: its place."""
     unused = unused_parameters(autopilot)
     for parameter, value in params.items():
         if parameter in unused and value != unused[parameter]:
             message = f"the embedded {autopilot} carries '{parameter}', and nothing acts on it"
-            yield campaign.problem((*at, "params", parameter), message, key=True)
+            yield file.problem((*at, "params", parameter), message, key=True)
 
 
 def link_of(
-    campaign: Document,
+    file: Document,
     at: KeyPath,
     link: str | LaunchPart,
     params: Mapping[str, float],
@@ -280,16 +278,16 @@ def link_of(
         return "embedded"
     if isinstance(link, str):
         return parse_link(link)
-    launch = replace(_launch(campaign.path.parent, link), params=tuple(sorted(params.items())))
+    launch = replace(_launch(file.path.parent, link), params=tuple(sorted(params.items())))
     try:
         launch.check()
     except LaunchError as error:
-        problems.append(campaign.problem((*at, "link"), str(error), key=True))
+        problems.append(file.problem((*at, "link"), str(error), key=True))
     return launch
 
 
 def rates_of(
-    campaign: Document, at: KeyPath, part: VehiclePart | ActorPart, problems: list[Problem]
+    file: Document, at: KeyPath, part: VehiclePart | ActorPart, problems: list[Problem]
 ) -> TelemetryRates:
     """Return the telemetry rates that a vehicle's radio can carry; at: its place."""
     telemetry = part.telemetry
@@ -312,7 +310,7 @@ def rates_of(
     try:
         return fitted(autopilot, wanted, radio_bit_s=radio_bit_s, signed=signed)
     except RadioTooSlowError as error:
-        problems.append(campaign.problem(path, str(error)))
+        problems.append(file.problem(path, str(error)))
         return wanted
 
 
@@ -333,7 +331,7 @@ def _baud(part: VehiclePart | ActorPart) -> int | None:
         return None
     spares = part.spare_links if isinstance(part, VehiclePart) else ()
     addresses = [parse_link(one) for one in (part.link, *spares)]
-    return min((one.baud for one in addresses if one.kind == "serial"), default=None)
+    return min((address.baud for address in addresses if address.kind == "serial"), default=None)
 
 
 def _launch(folder: Path, part: ArduPilotLaunchPart | Px4LaunchPart) -> SitlLaunch:
@@ -360,12 +358,12 @@ def _beside(folder: Path, text: str) -> Path:
     return (folder / expanded(Path(text))).absolute()
 
 
-def key_source_of(campaign: Document, part: SigningPart | None) -> KeySource | None:
+def key_source_of(file: Document, part: SigningPart | None) -> KeySource | None:
     """Return the source of a vehicle's signing key: a file or an environment variable."""
     if part is None:
         return None
     if part.file is not None:
-        return KeySource("file", str(_beside(campaign.path.parent, part.file)))
+        return KeySource("file", str(_beside(file.path.parent, part.file)))
     return KeySource("environment", part.environment or "")
 
 

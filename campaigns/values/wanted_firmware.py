@@ -13,7 +13,7 @@ _HASH = re.compile(r"[0-9a-f]{7,64}")
 
 def names_versions(values: Mapping[str, str]) -> bool:
     """Return whether the values of a key of `accept` are versions, not shares of passes."""
-    return bool(values) and not any("/" in one or one == DECIDED for one in values.values())
+    return bool(values) and not any("/" in value or value == DECIDED for value in values.values())
 
 
 def check_version(text: str) -> None:

@@ -292,7 +292,9 @@ def mock_vehicle(
             parameters=parameters,
         )
     except ValidationError as error:
-        faulty = ((str(one["loc"][0]), one["msg"]) for one in error.errors())
+        faulty = (
+            (str(error_details["loc"][0]), error_details["msg"]) for error_details in error.errors()
+        )
         raise ValueError("; ".join(f"{name}: {text}" for name, text in faulty)) from None
     return MockVehicle(
         autopilot,

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.campaigns.schema.between_runs import BetweenRunsPart
-from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.model.return_path import (
@@ -100,11 +100,11 @@ class BetweenRuns:
             self._repositioning.ask()
 
     def _return_order(
-        self, order: RunOrder, result: RunResult, setup: Setup, wanted: BetweenRunsPart
+        self, order: RunOrder, result: RunResult, case: Case, wanted: BetweenRunsPart
     ) -> RunOrder | str | None:
         """Return the return flight; None if it is at its start already, or in words why not."""
-        start, stand = setup.vehicles["real"].start, read_standing_pose(order.folder, "real")
-        scene = setup.world.scene(order.plan.mode, "W")
+        start, stand = case.vehicles["real"].start, read_standing_pose(order.folder, "real")
+        scene = case.world.scene(order.plan.mode, "W")
         log = _log_lines(order.folder / "log.jsonl")
         if why := why_no_return(result, stand, log, solid=set(scene.names)):
             return why
@@ -113,15 +113,15 @@ class BetweenRuns:
             return "its position is unknown"
         if off[0] <= wanted.tolerance_m and off[1] <= wanted.tolerance_deg:
             return None
-        altitude_m = setup.goal.altitude_m
+        altitude_m = case.goal.altitude_m
         if wanted.height_m is not None:
             altitude_m = wanted.height_m - start.position_ned_m[2]
         way = ReturnPath(
             stand=stand.pose, start=start, altitude_m=altitude_m, speed_m_s=wanted.speed_m_s
         )
-        probe = ClearanceProbe(scene, setup.vehicles["real"].body, floors=False, within_m=CLEAR_M)
-        fence = setup.fences.get("real")
-        if why := why_path_blocked(way, fence=fence, keep_m=setup.guarding.keep_m, probe=probe):
+        probe = ClearanceProbe(scene, case.vehicles["real"].body, floors=False, within_m=CLEAR_M)
+        fence = case.fences.get("real")
+        if why := why_path_blocked(way, fence=fence, keep_m=case.guarding.keep_m, probe=probe):
             return why
         folder = _unused_folder(self._folder / _BACK / order.plan.name)
         return replace(order, back=way, folder=folder, attempts=())
@@ -130,7 +130,7 @@ class BetweenRuns:
 def _unused_folder(folder: Path) -> Path:
     """Return a folder, or the first `<folder>-2`, `<folder>-3` ... that does not exist."""
     names = (folder.with_name(f"{folder.name}-{number}") for number in itertools.count(2))
-    return next(one for one in itertools.chain([folder], names) if not one.exists())
+    return next(path for path in itertools.chain([folder], names) if not path.exists())
 
 
 def _log_lines(path: Path) -> Iterator[dict[str, Any]]:

@@ -178,7 +178,10 @@ def _require_same_code(folder: Path, files: FlownFiles, before: ResumedCampaign)
 def _require_space(campaign: Campaign, folder: Path) -> None:
     """Raise OutputError when the disk has less space than the campaign's preflight demands."""
     wanted = [setup.preflight for setup in campaign.setups.values()]
-    least_mb = max([one.min_disk_mb for one in wanted if "disk" not in one.override], default=0.0)
+    least_mb = max(
+        [preflight.min_disk_mb for preflight in wanted if "disk" not in preflight.override],
+        default=0.0,
+    )
     if problem := disk_item(folder, least_mb).text:
         raise OutputError(f"{problem}; free space, or lower preflight.min_disk_mb")
 
@@ -224,7 +227,7 @@ class _Flight:
             workers=self._workers,
             report=self._report,
             done=self._finish_run,
-            ended_badly=lambda how: self._faults.take(RuntimeError(how), "a worker process"),
+            ended_badly=lambda how: self._faults.record(RuntimeError(how), "a worker process"),
             ready=self._ready,
             begun=lambda order, place: self._controller.begun(order.plan.name, place),
             run_of=lambda order: order.plan.name,
@@ -255,7 +258,7 @@ class _Flight:
             loop.add_signal_handler(number, self._controller.signal, _NAMES[number])
         loop.set_exception_handler(self._report_unhandled)
         account = TaskAccount(
-            fault=self._faults.take,
+            fault=self._faults.record,
             expected=(OutputError, OperatingError, EngineError, OSError, EOFError),
         )
         try:
@@ -282,7 +285,7 @@ class _Flight:
         error, where = context.get("exception"), str(context.get("message", ""))
         if not isinstance(error, BaseException):
             error = RuntimeError(where)
-        self._faults.take(error, where)
+        self._faults.record(error, where)
 
     @property
     def _is_broken(self) -> bool:
@@ -360,7 +363,7 @@ class _Flight:
 
     def _is_due(self, plan: RunPlan) -> bool:
         """Return whether a run counts by what is known now."""
-        return plan.name in {one.name for one in self._due()}
+        return plan.name in {run_plan.name for run_plan in self._due()}
 
     def _set_surplus_aside(self) -> None:
         """Set aside runs that were in flight when an earlier repetition decided."""
@@ -490,13 +493,13 @@ class _Flight:
         """Add the firmware that flew to campaign.json. Raises OutputError."""
         path = self._folder / "campaign.json"
         runs = (*summary.runs, *summary.controls)
-        flown = distinct(one for run in runs for one in run.firmware)
+        flown = distinct(flown_firmware for run in runs for flown_firmware in run.firmware)
         try:
             document = read_json(path)
         except (OSError, ValueError):  # lost or damaged while it flew: the results have it
             return
         if isinstance(document, dict) and flown:
-            document["firmware"] = [asdict(one) for one in flown]
+            document["firmware"] = [asdict(flown_firmware) for flown_firmware in flown]
             write_document(path, to_json(document))
 
 

@@ -16,7 +16,7 @@ from wil_campaign.orchestrator.model.campaign_results import VehicleKind
 def _engine_help() -> str:
     """Return the help of --engine, with the engines of plugins."""
     here = "Where runs fly: local, in processes of this machine"
-    return "; ".join((here, *(one.help for one in added(engines).values() if one.help)))
+    return "; ".join((here, *(engine.help for engine in added(engines).values() if engine.help)))
 
 
 @Parameter(name="*")

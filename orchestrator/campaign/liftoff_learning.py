@@ -39,10 +39,13 @@ class LiftoffLearning:
         if len(keys) < 2:
             return
         for name, delay_s in result.sync.liftoff_delays_s.items():
-            self._delays.take(keys[name], delay_s)
+            self._delays.record(keys[name], delay_s)
 
     def _keys(self, plan: RunPlan) -> Mapping[str, str]:
         """Return by vehicle name the key of its liftoff delays."""
         setup = self._campaign.setups[plan.case]
         vehicles = [setup.vehicles[name] for name in setup.flying(plan.mode)]
-        return {one.name: f"{one.name} {one.autopilot} {one.link}" for one in vehicles}
+        return {
+            vehicle.name: f"{vehicle.name} {vehicle.autopilot} {vehicle.link}"
+            for vehicle in vehicles
+        }

@@ -92,7 +92,10 @@ def judge_campaign_again(campaign: Campaign, folder: Path) -> Judgement:
 def _as_settled(campaign: Campaign, flown: Mapping[str, Any]) -> Campaign:
     """Return a campaign with the pose sources that its flight settled, and its file leaves open."""
     given = flown["options"].get("set", ()) if isinstance(flown.get("options"), dict) else ()
-    wanted = {f"vehicles.{one}.pose_source=simulator" for one in with_open_poses(campaign)}
+    wanted = {
+        f"vehicles.{with_open_pose}.pose_source=simulator"
+        for with_open_pose in with_open_poses(campaign)
+    }
     if not (settled := tuple(one for one in given if one in wanted)):
         return campaign
     options = replace(campaign.options, sets=(*campaign.options.sets, *settled))
@@ -193,7 +196,7 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
         worst=judge.worst_texts,
     )
     reason = reason_of(decision, decision.note or before.note)
-    campaign = setup.campaign
+    campaign = setup.case
     now = replace(
         before,
         not_judged=unjudged(campaign.oracles, collision_always=campaign.collision_always),
@@ -236,8 +239,8 @@ def _foreign_events(log: Path, before: RunResult) -> list[DecisiveEvent]:
     if not is_whole:
         raise RecordingError(f"{log} was cut before the end of the run")
     # An oracle may have the name of another part, as `sync`: only its events have a flag as well.
-    judged = [one for one in events if (one.t_s, one.text, one.source) in flags]
-    foreign = [one for one in events if one not in judged and not _is_evidence(one.source)]
+    judged = [event for event in events if (event.t_s, event.text, event.source) in flags]
+    foreign = [event for event in events if event not in judged and not _is_evidence(event.source)]
     decided_by = before.decided_by
     known = {"", *own, *(one.source for one in foreign)}
     if decided_by not in known and not _is_evidence(decided_by):

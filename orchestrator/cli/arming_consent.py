@@ -67,7 +67,7 @@ def clear(campaign: Campaign, options: FlightOptions) -> Cleared:
     if not attached:
         most = 1 if shared else _default_jobs(wanted)
         return Cleared(wanted, jobs or most, _kind_of_real(campaign, ()))
-    where = " and ".join(f"{one.name} ({one.attached})" for one in attached)
+    where = " and ".join(f"{flown.name} ({flown.attached})" for flown in attached)
     if jobs is not None and jobs > 1:
         raise RefusedError(f"--jobs {jobs}: {where} can fly one run at a time only", REFUSED)
     if options.arm:
@@ -78,23 +78,27 @@ def clear(campaign: Campaign, options: FlightOptions) -> Cleared:
     real_kind = _kind_of_real(campaign, found)
     if options.arm:
         _confirm(campaign, found)
-    hardware = " and ".join(one.name for one in found if not one.identity.simulation)
+    hardware = " and ".join(vehicle.name for vehicle in found if not vehicle.identity.simulation)
     return Cleared(wanted, 1, real_kind, hardware, settings=_settings_of(campaign, found))
 
 
 def _settings_of(campaign: Campaign, found: Iterable[AttachedVehicle]) -> tuple[str, ...]:
     """Return the settings by which simulations are judged by the ground truth that they offer."""
-    asked = [one for one in found if one.name in with_open_poses(campaign)]
-    for one in asked:
-        err(one.judged_text)
-    settings = (f"vehicles.{one.name}.pose_source=simulator" for one in asked if one.truth)
+    asked = [vehicle for vehicle in found if vehicle.name in with_open_poses(campaign)]
+    for vehicle in asked:
+        err(vehicle.judged_text)
+    settings = (
+        f"vehicles.{vehicle.name}.pose_source=simulator" for vehicle in asked if vehicle.truth
+    )
     return tuple(dict.fromkeys(settings))
 
 
 def _require_no_embedded(campaign: Campaign) -> None:
     """Raise RefusedError for vehicles that only JSBSim can simulate."""
     if names := [
-        one.name for one in flown_vehicles(campaign) if one.embedded and one.physics == "jsbsim"
+        flown_vehicle.name
+        for flown_vehicle in flown_vehicles(campaign)
+        if flown_vehicle.embedded and flown_vehicle.physics == "jsbsim"
     ]:
         raise RefusedError(f"{' and '.join(names)}: {NO_JSBSIM}", REFUSED)
 
@@ -116,12 +120,12 @@ def _require_options(attached: Iterable[FlownSetup], options: FlightOptions) -> 
     """Raise RefusedError for attached vehicles that the command line does not allow to arm."""
     given = {"--arm-real": options.arm_real, "--arm-actors": options.arm_actors}
     by_option: dict[str, list[FlownSetup]] = {}
-    for one in attached:
-        option = "--arm-actors" if isinstance(one, ActorSetup) else "--arm-real"
-        by_option.setdefault(option, []).append(one)
+    for flown in attached:
+        option = "--arm-actors" if isinstance(flown, ActorSetup) else "--arm-real"
+        by_option.setdefault(option, []).append(flown)
     for option, vehicles in by_option.items():
         if not given[option]:
-            where = " and ".join(f"{one.name} ({one.attached})" for one in vehicles)
+            where = " and ".join(f"{vehicle.name} ({vehicle.attached})" for vehicle in vehicles)
             raise RefusedError(
                 f"{where}: it may be hardware, and is armed only with {option}; --no-arm checks "
                 "everything else",
@@ -146,7 +150,7 @@ def _require_backups() -> None:
         folder = parameter_backup_folder()
     except NoHomeError as error:
         raise RefusedError(str(error), REFUSED) from error
-    there = next(one for one in (folder, *folder.parents) if exists(one))
+    there = next(path for path in (folder, *folder.parents) if exists(path))
     if not os.access(there, os.W_OK | os.X_OK):
         raise RefusedError(
             f"parameters of attached vehicles cannot be backed up in {folder}: {there} is not "
@@ -172,7 +176,11 @@ def _default_jobs(clock: Clock) -> int:
 def settled_clock(campaign: Campaign, requested: Clock | None) -> Clock:
     """Return the clock of a campaign to be armed. Raises RefusedError, BadInput."""
     able = clock_for(campaign, requested)
-    outside = [one.name for one in flown_vehicles(campaign) if not one.embedded]
+    outside = [
+        flown_vehicle.name
+        for flown_vehicle in flown_vehicles(campaign)
+        if not flown_vehicle.embedded
+    ]
     if requested == "virtual" and outside:
         raise RefusedError(
             f"--clock virtual: {' and '.join(outside)} is not embedded and flies in real time; "
@@ -221,9 +229,9 @@ def find_vehicles(vehicles: Iterable[FlownSetup]) -> tuple[AttachedVehicle, ...]
         found = asyncio.run(find_all(vehicles, _IDENTIFY_S))
     except VehicleError as error:
         raise RefusedError(str(error), UNAVAILABLE) from error
-    for one in found:
-        err(one)
-        _refuse_armed(one)
+    for vehicle in found:
+        err(vehicle)
+        _refuse_armed(vehicle)
     return found
 
 
@@ -258,12 +266,12 @@ def _encounters(
     campaign: Campaign, found: Iterable[AttachedVehicle]
 ) -> Iterator[tuple[AttachedVehicle, AttachedVehicle]]:
     """Yield each pair of an actor and another attached vehicle that could touch, once."""
-    by_name = {one.name: one for one in found}
+    by_name = {vehicle.name: vehicle for vehicle in found}
     names = dict.fromkeys(
-        (one.actor.name, one.other.name)
+        (encounter.actor.name, encounter.other.name)
         for setup, mode in planned_setups(campaign)
-        for one in encounters(setup, mode)
-        if not one.is_far
+        for encounter in encounters(setup, mode)
+        if not encounter.is_far
     )
     return ((by_name[actor], by_name[other]) for actor, other in names)
 
@@ -275,7 +283,7 @@ def has_terminal() -> bool:
 
 def ask_to_arm(what: str, count: int, found: tuple[AttachedVehicle, ...]) -> None:
     """Ask the person at the terminal for consent to arm vehicles. Raises RefusedError without."""
-    names = " and ".join(f"{one.name} ({one.where})" for one in found)
+    names = " and ".join(f"{vehicle.name} ({vehicle.where})" for vehicle in found)
     _ask_person(f"{what}, {count_text(count, 'run')}. Arm {names} and take off? [y/N] ")
 
 

@@ -66,18 +66,18 @@ def clock_for(campaign: Campaign, wanted: Clock | None) -> Clock:
 def _own_paces(campaign: Campaign) -> list[tuple[Path, float]]:
     """Return the launched simulations that do not run in real time: where, and their pace."""
     return [
-        ((*one.path, "link"), pace)
-        for one in flown_vehicles(campaign)
-        if (pace := one.launch_pace) not in {None, 1.0}
+        ((*flown_vehicle.path, "link"), pace)
+        for flown_vehicle in flown_vehicles(campaign)
+        if (pace := flown_vehicle.launch_pace) not in {None, 1.0}
     ]
 
 
 def _require_scalable(campaign: Campaign) -> None:
     """Raise BadInput where a vehicle cannot follow the scaled clock, or no pace is given."""
     attached: list[tuple[Path, str]] = [
-        ((*one.path, "link"), _CANNOT_FOLLOW.format(one.name))
-        for one in flown_vehicles(campaign)
-        if one.attached is not None
+        ((*flown_vehicle.path, "link"), _CANNOT_FOLLOW.format(flown_vehicle.name))
+        for flown_vehicle in flown_vehicles(campaign)
+        if flown_vehicle.attached is not None
     ]
     if attached:
         raise _refuse_clock(campaign, attached)

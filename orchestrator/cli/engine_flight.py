@@ -120,7 +120,7 @@ def _engine_of(text: str) -> Engine:
         return known[name]
     if name in missing:
         raise EngineError(f"--engine {text}: {missing[name]}", 2)
-    values = ", ".join([LOCAL, *(one.values for one in known.values())])
+    values = ", ".join([LOCAL, *(engine.values for engine in known.values())])
     raise EngineError(f"--engine {text}: must be {values}", 2)
 
 
@@ -159,7 +159,7 @@ def _ready_elsewhere(
 def _refuse_attached(campaign: Campaign, engine: str) -> None:
     """Raise RefusedError for attached vehicles on another engine than that of this machine."""
     if attached := attached_vehicles(campaign):
-        names = " and ".join(f"{one.name} ({one.attached})" for one in attached)
+        names = " and ".join(f"{flown.name} ({flown.attached})" for flown in attached)
         raise RefusedError(
             f"--engine {engine}: {names} is attached to one machine, where consent to arm is "
             "given; fly there with --engine local",

@@ -65,15 +65,18 @@ def _capture(all_: Sequence[CaptureResult]) -> str:
 
 def _outlet(all_: Sequence[OutletResult]) -> str:
     """Return the line of an external image outlet, summed over runs."""
-    delivered, offered = sum(one.delivered for one in all_), sum(one.offered for one in all_)
+    delivered, offered = (
+        sum(outlet_result.delivered for outlet_result in all_),
+        sum(outlet_result.offered for outlet_result in all_),
+    )
     text = f"{all_[0].name}: {delivered} of {offered} images delivered"
-    trouble = next((one.trouble for one in all_ if one.trouble), "")
+    trouble = next((outlet_result.trouble for outlet_result in all_ if outlet_result.trouble), "")
     return f"{text} ({trouble})" if trouble else text
 
 
 def _injection_text(all_: Sequence[InjectedResult]) -> str:
     """Return the line of an injection, summed over runs."""
-    sent, stale = sum(one.sent for one in all_), sum(one.stale for one in all_)
+    sent, stale = sum(result.sent for result in all_), sum(result.stale for result in all_)
     text = f"{all_[0].vehicle} was sent {all_[0].thing} {sent} times"
     return f"{text}; {stale} were too old to send" if stale else text
 
@@ -85,8 +88,8 @@ def _lines(
     line: Callable[[Sequence[R]], str],
 ) -> list[str]:
     groups: dict[tuple[str, ...], list[R]] = {}
-    for one in given:
-        for each in of(one):
+    for result in given:
+        for each in of(result):
             groups.setdefault(key(each), []).append(each)
     return [line(each) for each in groups.values()]
 

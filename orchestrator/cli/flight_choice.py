@@ -109,7 +109,7 @@ def status_line(place: Place, status: dict[str, Any]) -> str:
         lost = " (its orchestrator is lost)" if status["orchestrator"] == "lost" else ""
         return f"guard of {place.name}:{held}{latched}{lost} {phases}"
     verdicts = list(status["finished"].values())
-    counts = ", ".join(f"{verdicts.count(one)} {one}" for one in sorted(set(verdicts)))
+    counts = ", ".join(f"{verdicts.count(verdict)} {verdict}" for verdict in sorted(set(verdicts)))
     flying = "; ".join(
         f"{name}{_where(run)}: {run['stage']}, {run['verdict_so_far'] or 'no failure'} so far"
         for name, run in status["flying"].items()

@@ -39,13 +39,13 @@ def needs_text(folder: Path, *, flights: int, at_once: int, clock: Clock) -> str
 def _last_needs(folder: Path, clock: Clock) -> FlightNeeds | None:
     """Return what the newest flights beneath a folder needed by the same clock; None without."""
     try:
-        flown = sorted((one for one in folder.iterdir() if one.is_dir()), reverse=True)
+        flown = sorted((path for path in folder.iterdir() if path.is_dir()), reverse=True)
     except OSError:
         return None
-    for one in flown[:3]:
-        walls_s = list(_wall_times_s(one / "summary.json", clock))
+    for path in flown[:3]:
+        walls_s = list(_wall_times_s(path / "summary.json", clock))
         if walls_s:
-            size_mb = sum(_sizes(one)) / 1e6
+            size_mb = sum(_sizes(path)) / 1e6
             return FlightNeeds(sum(walls_s) / len(walls_s), size_mb / len(walls_s), True)
     return None
 
@@ -99,10 +99,14 @@ def compilation_notice(campaign: Campaign) -> str | None:
 
 def _kernels(campaign: Campaign) -> Iterator[Callable[..., object]]:
     """Yield one kernel of each kind that the warm-up of a campaign's flights always loads."""
-    vehicles = [one for setup in campaign.setups.values() for one in setup.vehicles.values()]
-    if any(one.embedded for one in vehicles):
+    vehicles = [
+        vehicle for setup in campaign.setups.values() for vehicle in setup.vehicles.values()
+    ]
+    if any(vehicle.embedded for vehicle in vehicles):
         yield estimate
     if any(
-        isinstance(sensor, CameraSetup | DepthSetup) for one in vehicles for sensor in one.sensors
+        isinstance(sensor, CameraSetup | DepthSetup)
+        for vehicle in vehicles
+        for sensor in vehicle.sensors
     ):
         yield write_ids

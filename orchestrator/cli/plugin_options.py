@@ -37,7 +37,7 @@ def takes_options(
     kind: of the values; None, or False, where an option is not given. An addition of an absent
     plugin has an option as well, by which it is refused.
     """
-    texts = {name: one.help for name, one in added(hook).items()}
+    texts = {name: option.help for name, option in added(hook).items()}
     texts |= absent(hook)
     default = False if kind is bool else None
     fields = [

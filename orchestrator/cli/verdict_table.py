@@ -65,8 +65,8 @@ def verdict_table(summary: Summary, requirements: Sequence[Requirement]) -> Tabl
         words = name in {"case", "mode", "verdict"}
         table.add_column(name, justify="left" if words else "right", no_wrap=True)
     standings = {
-        (one.requirement.case, one.requirement.mode): one
-        for one in standings_of(summary.runs, requirements)
+        (standing.requirement.case, standing.requirement.mode): standing
+        for standing in standings_of(summary.runs, requirements)
     }
     groups: dict[tuple[str, str], list[RunResult]] = {}
     for run in summary.runs:
@@ -175,9 +175,9 @@ def _mixing_cells(runs: Sequence[RunResult]) -> tuple[str, str]:
     mixed = [run.mixing for run in runs if run.mixing is not None]
     if not mixed:
         return "-", "-"
-    errors = [one.registration_error_px for one in mixed]
-    bounds = [one.registration_bound_px for one in mixed]
-    rate = f"{min(one.rate_hz for one in mixed):.1f}"
+    errors = [mixing_result.registration_error_px for mixing_result in mixed]
+    bounds = [mixing_result.registration_bound_px for mixing_result in mixed]
+    rate = f"{min(mixing_result.rate_hz for mixing_result in mixed):.1f}"
     if (largest := _largest_median(errors)) is not None:
         return rate, f"{largest:.1f}"
     within = _largest_median(bounds)

@@ -120,7 +120,7 @@ class ExternalIo:
     @property
     def environment(self) -> Mapping[str, str]:
         """Return what the observers add to the environment of programs, once they are open."""
-        return {k: v for one in self._observers for k, v in one.environment.items()}
+        return {k: v for observer in self._observers for k, v in observer.environment.items()}
 
     def attach(self, contexts: Iterable[VehicleContext]) -> None:
         """Attach the vehicles, which carry external sensors."""
@@ -140,13 +140,13 @@ class ExternalIo:
         while it ran. Raises SourceError, VehicleError.
         """
         checked = []
-        if self._setup.clock == "wall" and any(one.mocap for one in self._setup.vehicles):
+        if self._setup.clock == "wall" and any(vehicle.mocap for vehicle in self._setup.vehicles):
             checked.append("motion capture is received")
         if self._setup.clock == "wall":
             await self.captures.ready()
         if self.readings:
             checked.append(f"readings of {await self.readings.ready()} are received")
-        checked += [await one.before_arming(unbooted) for one in self._observers]
+        checked += [await observer.before_arming(unbooted) for observer in self._observers]
         return "; ".join(filter(None, checked)) or "nothing external"
 
     async def run(self, run_state: RunState) -> None:
@@ -156,7 +156,7 @@ class ExternalIo:
             for observer in self._observers:
                 for name, task in observer.tasks(run_state):
                     group.create_task(task, name=name)
-            if any(one.mocap is not None for one in self._setup.vehicles):
+            if any(vehicle.mocap is not None for vehicle in self._setup.vehicles):
                 group.create_task(self._watch_captures(run_state), name="motion capture watch")
             if self.simulators:
                 group.create_task(self._watch_simulators(run_state), name="simulator watch")
@@ -208,7 +208,9 @@ class ExternalIo:
             ),
             captures=self.captures.results,
         )
-        return reduce(ExternalResult.__add__, (one.result for one in self._observers), own)
+        return reduce(
+            ExternalResult.__add__, (observer.result for observer in self._observers), own
+        )
 
     async def _watch_captures(self, run_state: RunState) -> None:
         loop, noted = asyncio.get_running_loop(), 0
@@ -277,6 +279,6 @@ class ExternalIo:
 
 
 def _observers(setup: RunSetup, events: Mapping[str, float]) -> Iterator[Observer]:
-    for name, given in setup.campaign.observers.items():
+    for name, given in setup.case.observers.items():
         observer: Observer = load(added(run_observers)[name].observe)(setup, given, events)
         yield observer

@@ -157,7 +157,7 @@ class ReadingSources:
     """All sensors of a run with external readings, except cameras."""
 
     def __init__(self, setup: RunSetup) -> None:
-        self._frame = setup.campaign.world.frame
+        self._frame = setup.case.world.frame
         self._converted = _converted_sensors(setup)
         self._by_key = {
             (str(vehicle.name), sensor.name): ExternalReadings(
@@ -177,36 +177,36 @@ class ReadingSources:
 
     async def open(self, stack: AsyncExitStack) -> None:
         """Open all sources of readings. Raises SourceError."""
-        for one in self._by_key.values():
-            await one.open(stack)
+        for readings in self._by_key.values():
+            await readings.open(stack)
 
     def attach(self, contexts: Iterable[VehicleContext]) -> None:
         """Attach the vehicles whose sensors these are; before they are identified."""
         there = {context.name: context for context in contexts}
-        for (vehicle, _), one in self._by_key.items():
+        for (vehicle, _), readings in self._by_key.items():
             if vehicle in there:
-                one.attach(there[vehicle])
+                readings.attach(there[vehicle])
 
     def on_stall(self, stalled: Callable[[str], None]) -> None:
         """Call `stalled` with the reason whenever a sensor delivers nothing usable."""
-        for one in self._by_key.values():
-            one.on_stall(stalled)
+        for readings in self._by_key.values():
+            readings.on_stall(stalled)
 
     async def ready(self) -> str:
         """Wait until each has a reading; return in words what was checked. Raises SourceError."""
-        for (_, sensor), one in self._by_key.items():
-            await one.ready(frame=None if sensor in self._converted else self._frame)
+        for (_, sensor), readings in self._by_key.items():
+            await readings.ready(frame=None if sensor in self._converted else self._frame)
         return ", ".join(" ".join(key) for key in self._by_key)
 
     @property
     def results(self) -> tuple[SourceResult, ...]:
         """Return the counts of each source of readings."""
-        return tuple(one.result for one in self._by_key.values())
+        return tuple(readings.result for readings in self._by_key.values())
 
 
 def _converted_sensors(setup: RunSetup) -> frozenset[str]:
     """Return the sensors whose units or axes the recipe converts."""
-    recipe = setup.campaign.recipe
+    recipe = setup.case.recipe
     return frozenset(
         combination.sensor.name
         for combination in (() if recipe is None else recipe.combinations)

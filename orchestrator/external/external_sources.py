@@ -121,7 +121,7 @@ class ExternalSource:
     def _report_frozen(self, reading: Reading) -> bool:
         """Return whether a live sensor is frozen; report it as stalled then."""
         pose = None if self._context is None else self._context.poses.at(reading.t_s).pose
-        fault = self._frozen.take(reading, pose)
+        fault = self._frozen.receive(reading, pose)
         if fault is not None:
             self._stall(fault, again=self._is_frozen)
         self._is_frozen = fault is not None

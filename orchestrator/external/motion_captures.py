@@ -85,8 +85,8 @@ class MotionCaptures:
 
     async def open(self, stack: AsyncExitStack) -> None:
         """Open all motion capture inputs. Raises SourceError."""
-        for one in self._inputs:
-            await stack.enter_async_context(one)
+        for capture_input in self._inputs:
+            await stack.enter_async_context(capture_input)
 
     def listen(self, vehicle: Source, listener: Listener) -> bool:
         """Call `listener` with each motion capture pose of a vehicle; False without feed."""
@@ -108,18 +108,20 @@ class MotionCaptures:
     @property
     def others(self) -> tuple[str, ...]:
         """Return messages about senders whose poses are not taken."""
-        return tuple(text for one in self._inputs for text in one.others.values())
+        return tuple(
+            text for capture_input in self._inputs for text in capture_input.others.values()
+        )
 
     def refuse_rivals(self) -> None:
         """Refuse two senders of poses to one port, of which the campaign names neither.
 
         Which of them is the system is not known. Raises SourceError.
         """
-        for one in self._inputs:
-            if one.rivals:
+        for capture_input in self._inputs:
+            if capture_input.rivals:
                 raise SourceError(
-                    f"{one.rivals}: which of them is your system is not known; end the other, or "
-                    "name its address by mocap.sender"
+                    f"{capture_input.rivals}: which of them is your system is not known; "
+                    "end the other, or name its address by mocap.sender"
                 )
 
     def silent(self, now_s: float) -> str:
@@ -150,8 +152,8 @@ class MotionCaptures:
     def _add_input(self, group: Mapping[Source, MocapSetup]) -> None:
         kind = next(iter(group.values())).kind
         made: CaptureInput = load(added(motion_captures)[kind].open)(group, self._deliver)
-        for vehicle, one in group.items():
-            self._feeds[vehicle] = _Feed(one, made.capture)
+        for vehicle, mocap in group.items():
+            self._feeds[vehicle] = _Feed(mocap, made.capture)
         self._inputs.append(made)
 
     def _deliver(self, reading: PoseReading) -> None:

@@ -114,9 +114,9 @@ class FeedPublisher:
         now_s = self._time()
         alone = {"mixed": shown.alone}
         self._images |= {
-            name: (one, now_s, alone.get(name, ""))
-            for name, one in readings.items()
-            if one is not None
+            name: (reading, now_s, alone.get(name, ""))
+            for name, reading in readings.items()
+            if reading is not None
         }
         self._woken.set()
 

@@ -23,7 +23,7 @@ def find_console_sockets() -> frozenset[Path]:
     found: set[Path] = set()
     for folder in runtime_folders():
         with contextlib.suppress(OSError), os.scandir(folder) as entries:
-            found.update(Path(one.path) for one in entries if _SOCKET.fullmatch(one.name))
+            found.update(Path(entry.path) for entry in entries if _SOCKET.fullmatch(entry.name))
     return frozenset(found)
 
 

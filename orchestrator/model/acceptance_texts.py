@@ -51,7 +51,7 @@ def shortfall_texts(
     runs: Sequence[RunResult], requirements: Sequence[Requirement]
 ) -> tuple[str, ...]:
     """Return each requirement that is not met, with what it needs."""
-    return tuple(_shortfall_text(one, runs) for one in shortfalls(runs, requirements))
+    return tuple(_shortfall_text(shortfall, runs) for shortfall in shortfalls(runs, requirements))
 
 
 def _shortfall_text(standing: Standing, runs: Iterable[RunResult]) -> str:

@@ -21,7 +21,7 @@ def retry_due(result: RunResult, *, retries: int) -> bool:
         return False
     if result.control is not None and result.control.met:
         return False
-    spent = sum(one.verdict in _RETRIED for one in result.attempts)
+    spent = sum(attempt.verdict in _RETRIED for attempt in result.attempts)
     return result.verdict in _RETRIED and spent < retries
 
 
@@ -35,7 +35,7 @@ def is_cut_off(result: RunResult) -> bool:
 
     The verdict may be another than ABORTED, where something else decided the run before.
     """
-    return result.verdict == "ABORTED" or any(one.verdict == "ABORTED" for one in result.also)
+    return result.verdict == "ABORTED" or any(also.verdict == "ABORTED" for also in result.also)
 
 
 def attempt_of(result: RunResult, folder: str) -> Attempt:
@@ -62,7 +62,7 @@ def passed_text(attempts: Sequence[Attempt]) -> str:
 
 def ended_attempts(attempts: Iterable[Attempt]) -> tuple[Attempt, ...]:
     """Return the attempts that were completed, without those that were cut off."""
-    return tuple(one for one in attempts if one.verdict not in {None, "ABORTED"})
+    return tuple(attempt for attempt in attempts if attempt.verdict not in {None, "ABORTED"})
 
 
 def attempt_text(attempt: Attempt) -> str:

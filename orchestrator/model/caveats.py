@@ -68,9 +68,12 @@ def loss_texts(runs: Sequence[RunResult]) -> list[str]:
 def unmeasured_texts(runs: Sequence[RunResult]) -> list[str]:
     """Return the caveat of passed runs with mixtures not checked for virtual objects, by sensor."""
     return _in_runs(
-        (f"{one.name}{', in part' if one.frames_measured else ''}: {one.not_measured}", run)
-        for run, one in _passed_combinations(runs)
-        if one.not_measured
+        (
+            f"{result.name}{', in part' if result.frames_measured else ''}: {result.not_measured}",
+            run,
+        )
+        for run, result in _passed_combinations(runs)
+        if result.not_measured
     )
 
 
@@ -80,8 +83,8 @@ def drawn_texts(runs: Sequence[RunResult]) -> list[str]:
     Where they were mixed in, the mixture was measured, or its own caveat says why not.
     """
     return _in_runs(
-        (f"{one.vehicle} {one.sensor}: {one.not_measured}", run)
-        for run, one in _uncompared_sources(runs)
+        (f"{source_result.vehicle} {source_result.sensor}: {source_result.not_measured}", run)
+        for run, source_result in _uncompared_sources(runs)
     )
 
 
@@ -89,15 +92,15 @@ def _uncompared_sources(runs: Iterable[RunResult]) -> Iterator[tuple[RunResult, 
     """Yield the simulators whose images in a passed run were not compared with the world."""
     for run in runs:
         if run.verdict == "PASS" and run.outside is not None and run.mixing is None:
-            yield from ((run, one) for one in run.outside.sources if one.not_measured)
+            yield from ((run, source) for source in run.outside.sources if source.not_measured)
 
 
 def unbounded_texts(runs: Sequence[RunResult]) -> list[str]:
     """Return the caveat of passed runs whose registration error is unknown and unbounded."""
     return _in_runs(
-        (f"{one.name}: {one.not_bounded}", run)
-        for run, one in _passed_combinations(runs)
-        if one.not_bounded
+        (f"{result.name}: {result.not_bounded}", run)
+        for run, result in _passed_combinations(runs)
+        if result.not_bounded
     )
 
 
@@ -110,10 +113,10 @@ def _unshown(run: RunResult) -> list[str]:
     """Return the virtual objects in view that no mixture of a passed run showed, sorted."""
     in_view: set[str] = set()
     shown: set[str] = set()
-    for _, one in _passed_combinations((run,)):
-        in_view.update(name for name, count in one.not_mixed.items() if count)
-        in_view.update(name for name, each in one.shown.items() if each.frames_in_view)
-        shown.update(name for name, each in one.shown.items() if each.frames_shown)
+    for _, result in _passed_combinations((run,)):
+        in_view.update(name for name, count in result.not_mixed.items() if count)
+        in_view.update(name for name, each in result.shown.items() if each.frames_in_view)
+        shown.update(name for name, each in result.shown.items() if each.frames_shown)
     return sorted(in_view - shown)
 
 
@@ -147,11 +150,11 @@ def sender_texts(runs: Sequence[RunResult]) -> list[str]:
 def dead_reckoning_texts(runs: Sequence[RunResult]) -> list[str]:
     """Return the caveat of passed runs with a signal that has one: what was lost, and when."""
     return _in_runs(
-        (f"{one.vehicle}: {one.caveat}", run)
+        (f"{result.vehicle}: {result.caveat}", run)
         for run in runs
         if run.verdict == "PASS"
-        for one in run.evidence
-        if one.caveat
+        for result in run.evidence
+        if result.caveat
     )
 
 
@@ -169,16 +172,23 @@ def _passed_combinations(
 ) -> Iterator[tuple[RunResult, CombinationResult]]:
     for run in runs:
         if run.verdict == "PASS" and run.mixing is not None:
-            yield from ((run, one) for one in run.mixing.combinations)
+            yield from ((run, combination) for combination in run.mixing.combinations)
 
 
 def slow_texts(runs: Sequence[RunResult]) -> list[str]:
     """Return the caveat of autonomies slower than real time in passed runs: the slowest of each."""
-    found = [(one, run) for run in runs if run.verdict == "PASS" for one in run.slow]
+    found = [
+        (slow_autonomy, run) for run in runs if run.verdict == "PASS" for slow_autonomy in run.slow
+    ]
     worst: dict[tuple[str, str, str], SlowAutonomy] = {}
-    for one, run in sorted(found, key=lambda pair: pair[0].needed_s / max(pair[0].had_s, 1e-9)):
-        worst[one.vehicle, run.case, run.mode] = one
-    return _in_runs((_slow_text(worst[one.vehicle, run.case, run.mode]), run) for one, run in found)
+    for slow_autonomy, run in sorted(
+        found, key=lambda pair: pair[0].needed_s / max(pair[0].had_s, 1e-9)
+    ):
+        worst[slow_autonomy.vehicle, run.case, run.mode] = slow_autonomy
+    return _in_runs(
+        (_slow_text(worst[slow_autonomy.vehicle, run.case, run.mode]), run)
+        for slow_autonomy, run in found
+    )
 
 
 def _slow_text(one: SlowAutonomy) -> str:
@@ -198,24 +208,30 @@ def in_short(summary: Summary) -> list[str]:
     names_by_text: dict[str, Iterable[str]] = {
         "synthesised readings: ": _synthesised(summary),
         "preflight overridden by ": (item.by for run in runs for item in run.preflight if item.by),
-        "fence changed in flight by ": (one.by for run in runs for one in run.fence_changes),
+        "fence changed in flight by ": (
+            fence_change.by for run in runs for fence_change in run.fence_changes
+        ),
         "not judged: ": (name for run in runs for name in run.not_judged),
         "missing in part in run.mcap: ": (loss.topic for run in runs for loss in run.losses),
         "in view, and in no mixture: ": (name for run in runs for name in _unshown(run)),
         "never in view: ": (name for run in runs for name in _unseen(run)),
         "never moved: ": (name for run in runs for name in _unmoved(run)),
         "slower than real time: ": (
-            one.vehicle for run in runs if run.verdict == "PASS" for one in run.slow
-        ),
-        "not compared with the world: ": (
-            f"{one.vehicle} {one.sensor}" for _, one in _uncompared_sources(runs)
-        ),
-        "judged by dead reckoning: ": (
-            one.vehicle
+            slow_autonomy.vehicle
             for run in runs
             if run.verdict == "PASS"
-            for one in run.evidence
-            if one.caveat
+            for slow_autonomy in run.slow
+        ),
+        "not compared with the world: ": (
+            f"{source_result.vehicle} {source_result.sensor}"
+            for _, source_result in _uncompared_sources(runs)
+        ),
+        "judged by dead reckoning: ": (
+            result.vehicle
+            for run in runs
+            if run.verdict == "PASS"
+            for result in run.evidence
+            if result.caveat
         ),
         "reported only, and failed: ": (name for name, _ in reported),
     }

@@ -94,7 +94,7 @@ def ended_text(run: ControlRun) -> str:
 
 def _oracle_of(run: ControlRun) -> str:
     """Return the name of the oracle that decided a control; empty where none did."""
-    sources = {source_of(one.name, one.vehicle): one.name for one in run.oracles}
+    sources = {source_of(oracle.name, oracle.vehicle): oracle.name for oracle in run.oracles}
     return sources.get(run.decided_by, "")
 
 

@@ -9,7 +9,9 @@ from wil_campaign.orchestrator.model.results import RunResult
 
 def measured(run: RunResult) -> tuple[object, ...]:
     """Return what a run measured, to compare runs by."""
-    oracles = tuple((one.name, one.vehicle, one.actual, one.at_s) for one in run.oracles)
+    oracles = tuple(
+        (oracle.name, oracle.vehicle, oracle.actual, oracle.at_s) for oracle in run.oracles
+    )
     return (run.verdict, run.duration_s, oracles)
 
 
@@ -22,7 +24,9 @@ def equal_run_texts(
     runs: Sequence[RunResult], requirements: Iterable[Requirement]
 ) -> Iterator[str]:
     """Yield the caveat of each pass rate that a sequential test decided on equal runs."""
-    for standing in standings_of(runs, [one for one in requirements if one.test is not None]):
+    for standing in standings_of(
+        runs, [requirement for requirement in requirements if requirement.test is not None]
+    ):
         wanted = standing.requirement
         proven = [
             run

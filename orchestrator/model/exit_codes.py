@@ -80,7 +80,7 @@ def _all_wanted(
 ) -> list[Requirement]:
     """Return the requirements, and one of all passes for each case and mode without one."""
     wanted = list(requirements)
-    covered = {(one.case, one.mode) for one in wanted}
+    covered = {(requirement.case, requirement.mode) for requirement in wanted}
     for run in required:
         if (run.case, run.mode) not in covered:
             covered.add((run.case, run.mode))
@@ -95,7 +95,9 @@ def is_rehearsed(run: RunResult) -> bool:
     Such an ERROR may be a vehicle that still has the parameters or the fence of the run.
     """
     stopped_there = run.verdict == "ABORTED" and run.reason == NOT_ARMED
-    return stopped_there and not run.exceptions and all(one.verdict != "ERROR" for one in run.also)
+    return (
+        stopped_there and not run.exceptions and all(also.verdict != "ERROR" for also in run.also)
+    )
 
 
 def rehearsal_code(runs: Sequence[RunResult]) -> int:

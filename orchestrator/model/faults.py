@@ -57,11 +57,11 @@ class Faults:
         self._known: list[BaseException] = []
         self.all: list[Fault] = []
 
-    def take(self, error: BaseException, where: str) -> None:
+    def record(self, error: BaseException, where: str) -> None:
         """Record an exception as a fault, or each of a group of them."""
-        for one in leaves(error):
-            if not self._is_known(one):
-                self._hand_over(self._record(one, where))
+        for leave in leaves(error):
+            if not self._is_known(leave):
+                self._hand_over(self._record(leave, where))
 
     def _is_known(self, error: BaseException) -> bool:
         return any(error is known for known in self._known)
@@ -80,9 +80,9 @@ class Faults:
         except FAULTS as error:
             if asked_to_end(error):
                 raise
-            for one in leaves(error):
-                if not self._is_known(one):
-                    self._record(one, f"the report of a fault in {fault.where}")
+            for leave in leaves(error):
+                if not self._is_known(leave):
+                    self._record(leave, f"the report of a fault in {fault.where}")
 
     @contextmanager
     def recording(self, where: str) -> Iterator[None]:
@@ -95,7 +95,7 @@ class Faults:
         except FAULTS as error:
             if asked_to_end(error):
                 raise
-            self.take(error, where)
+            self.record(error, where)
 
 
 def fault_log(path: Path) -> FaultLog:

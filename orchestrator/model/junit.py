@@ -111,7 +111,7 @@ def _case(campaign: str, run: RunResult, met: bool, *, arm: bool) -> ET.Element:
 def _unmentioned_errors(run: RunResult) -> list[str]:
     """Return the internal exceptions and later errors of a run that its reason does not mention."""
     later_errors = [
-        one.reason for one in run.also if one.verdict == "ERROR" and run.reason == NOT_ARMED
+        also.reason for also in run.also if also.verdict == "ERROR" and run.reason == NOT_ARMED
     ]
     errors = dict.fromkeys((*run.exceptions, *later_errors))
     return [text for text in errors if text not in run.reason]
@@ -138,7 +138,9 @@ def _write_out(case: ET.Element, run: RunResult, *first: str) -> None:
     """Add a run's oracles and attempts to its JUnit test case as output."""
     lines = [*first, *(_line(oracle) for oracle in run.oracles)]
     lines += [f"also {late.verdict} at {late.at_s:.3f} s: {late.reason}" for late in run.also]
-    lines += [f"earlier attempt: {attempt_text(one)}, in {one.folder}" for one in run.attempts]
+    lines += [
+        f"earlier attempt: {attempt_text(attempt)}, in {attempt.folder}" for attempt in run.attempts
+    ]
     ET.SubElement(case, "system-out").text = _clean("\n".join([f"seed {run.seed}", *lines]))
 
 

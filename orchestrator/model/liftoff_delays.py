@@ -16,7 +16,7 @@ class LiftoffDelays:
     def __init__(self) -> None:
         self._measured: dict[str, deque[float]] = {}
 
-    def take(self, key: str, delay_s: float) -> None:
+    def record(self, key: str, delay_s: float) -> None:
         """Add a delay that a run measured."""
         self._measured.setdefault(key, deque(maxlen=_KEPT)).append(delay_s)
 

@@ -294,7 +294,7 @@ def also_of(decision: Decision) -> tuple[Also, ...]:
     if len(listed) <= _MOST_ALSO:
         return tuple(listed)
     kept, more = listed[: _MOST_ALSO - 1], listed[_MOST_ALSO - 1 :]
-    verdicts = {one.verdict for one in more}
+    verdicts = {also.verdict for also in more}
     # Whoever asks whether a vehicle may fly again looks for these.
     gravest = next((one for one in _GRAVEST if one in verdicts), more[0].verdict)
     text = f"{len(more)} more events; log.jsonl has all of them"
@@ -308,9 +308,9 @@ def tightest_oracle(run: RunResult) -> OracleResult | None:
     metres, or else of all.
     """
     known = [
-        (one.margin, one)
-        for one in run.oracles
-        if one.required and one.vehicle == run.subject and one.margin is not None
+        (oracle.margin, oracle)
+        for oracle in run.oracles
+        if oracle.required and oracle.vehicle == run.subject and oracle.margin is not None
     ]
     exceeded = [pair for pair in known if pair[0] < 0.0]
     in_metres = [pair for pair in known if pair[1].unit == "m"]

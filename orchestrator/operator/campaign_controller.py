@@ -156,14 +156,14 @@ class CampaignController:
         if isinstance(news, Progress):
             self._flying[news.run] = news
         elif news.kind == "answer":
-            self._take_answer(news)
+            self._receive_answer(news)
         elif news.kind == "acknowledged":
             self._acknowledgements.acknowledge(news.run, news.command_id)
         for follower in self._followers:
             with Contained("news for operators"):
                 follower.news(news)
 
-    def _take_answer(self, news: Happening) -> None:
+    def _receive_answer(self, news: Happening) -> None:
         """Record a run's delayed reply to an operator's command."""
         command = OperatorCommand("geofence", news.who)
         self.log.write(command, ok=news.word == "ok", text=f"{news.run}: {news.text}")
@@ -179,7 +179,8 @@ class CampaignController:
         place = self._forget_run(name)
         self._verdicts[name] = run.verdict
         is_partial = any(
-            place.is_meant(node=one.node, bench=one.bench) for one in self._partial_aborts
+            place.is_meant(node=partial_abort.node, bench=partial_abort.bench)
+            for partial_abort in self._partial_aborts
         )
         if may_end and run.verdict == "ABORTED" and self.stopped is None and not is_partial:
             self.stopped = "command"
@@ -216,12 +217,17 @@ class CampaignController:
     def status(self) -> dict[str, Any]:
         """Return the controlled campaign's status."""
         flying = {
-            name: {**_plain(one), "place": str(self._places.get(name, ""))}
-            for name, one in self._flying.items()
+            name: {**_plain(progress), "place": str(self._places.get(name, ""))}
+            for name, progress in self._flying.items()
         }
         answers = [
-            {"id": one.command_id, "run": one.run, "ok": one.word == "ok", "text": one.text}
-            for one in self._answers
+            {
+                "id": answer.command_id,
+                "run": answer.run,
+                "ok": answer.word == "ok",
+                "text": answer.text,
+            }
+            for answer in self._answers
         ]
         return {
             **self.summary(self.state),
@@ -282,7 +288,9 @@ class CampaignController:
         meant = self._expect(command)
         what = f"bench {command.bench}" if command.bench else f"node {command.node}"
         if not meant:
-            there = ", ".join(sorted({str(one) for one in self._places.values()} - {""})) or "none"
+            there = (
+                ", ".join(sorted({str(place) for place in self._places.values()} - {""})) or "none"
+            )
             raise RefusedLineError(
                 f"abort: no run flies on {what}; nodes and benches with runs: {there}"
             )

@@ -49,30 +49,32 @@ class Places:
         if folder is None:
             return self
         wanted = folder.absolute()
-        related = [one for one in self.campaigns if related_folder(one.folder, wanted)]
+        related = [
+            campaign for campaign in self.campaigns if related_folder(campaign.folder, wanted)
+        ]
         guards = [
-            one
-            for one in self.guards
-            if related_folder(one.folder, wanted)
-            or (one.campaign is not None and one.campaign.is_relative_to(wanted))
+            guard
+            for guard in self.guards
+            if related_folder(guard.folder, wanted)
+            or (guard.campaign is not None and guard.campaign.is_relative_to(wanted))
         ]
         return Places(tuple(related), tuple(guards))
 
     def guards_of(self, campaign: Place) -> tuple[Place, ...]:
         """Return the guards' records of a campaign's runs."""
-        return tuple(one for one in self.guards if one.is_beneath(campaign.folder))
+        return tuple(guard for guard in self.guards if guard.is_beneath(campaign.folder))
 
     def by_campaign(self) -> dict[Path, "Places"]:
         """Return the records by the results folder of their campaign.
 
         Programs and guards of one folder are one campaign, also where the program has ended.
         """
-        folders = dict.fromkeys(one.folder for one in self.campaigns)
-        owners = {one: _campaign_folder(one, folders) for one in self.guards}
+        folders = dict.fromkeys(campaign.folder for campaign in self.campaigns)
+        owners = {guard: _campaign_folder(guard, folders) for guard in self.guards}
         return {
             folder: Places(
-                tuple(one for one in self.campaigns if one.folder == folder),
-                tuple(one for one in self.guards if owners[one] == folder),
+                tuple(campaign for campaign in self.campaigns if campaign.folder == folder),
+                tuple(guard for guard in self.guards if owners[guard] == folder),
             )
             for folder in folders | dict.fromkeys(owners.values())
         }
@@ -87,14 +89,14 @@ def places() -> Places:
     folders = runtime_folders()
     guards = [
         Place(
-            one.run,
-            Path(one.folder),
-            Path(one.socket),
-            one.guard,
-            Path(one.campaign) if one.campaign else None,
+            guard_record.run,
+            Path(guard_record.folder),
+            Path(guard_record.socket),
+            guard_record.guard,
+            Path(guard_record.campaign) if guard_record.campaign else None,
         )
         for folder in folders
-        for one in running(folder)
+        for guard_record in running(folder)
     ]
     campaigns = [campaign for folder in folders for campaign in _campaigns(folder)]
     return Places(tuple(campaigns), tuple(guards))
@@ -145,7 +147,7 @@ def related_folder(one: Path, other: Path) -> bool:
 
 def _campaign_folder(guard: Place, campaigns: Iterable[Path]) -> Path:
     """Return the results folder of a guard's campaign; its run's where it is of none."""
-    holding = [one for one in campaigns if guard.is_beneath(one)]
+    holding = [campaign for campaign in campaigns if guard.is_beneath(campaign)]
     return max(holding, key=lambda one: len(one.parts), default=guard.campaign or guard.folder)
 
 

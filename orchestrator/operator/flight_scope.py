@@ -31,14 +31,14 @@ class FlightScope:
         if self._program is None:
             return found
         mine = {
-            one.folder
-            for one in found.campaigns
-            if one.process is not None and one.process.pid == self._program
+            campaign.folder
+            for campaign in found.campaigns
+            if campaign.process is not None and campaign.process.pid == self._program
         }
         self._own |= mine
         return Places(
-            tuple(one for one in found.campaigns if one.folder in mine),
-            tuple(one for one in found.guards if any(map(one.is_beneath, self._own))),
+            tuple(campaign for campaign in found.campaigns if campaign.folder in mine),
+            tuple(guard for guard in found.guards if any(map(guard.is_beneath, self._own))),
         )
 
     def covers(self, run: str) -> bool:
@@ -63,4 +63,4 @@ class FlightScope:
         return self._folder is None or related_folder(run, self._folder)
 
     def _is_own(self, folder: Path) -> bool:
-        return any(folder.is_relative_to(one) for one in self._own)
+        return any(folder.is_relative_to(path) for path in self._own)

@@ -96,7 +96,7 @@ def asked_of(flying: Places, replies: Iterable[CommandReply]) -> Places:
     A campaign that refuses it has no run there; one that does not answer may have one.
     """
     refusing = {reply.place for reply in replies if reply.answered and not reply.ok}
-    return Places(tuple(one for one in flying.campaigns if one not in refusing), ())
+    return Places(tuple(campaign for campaign in flying.campaigns if campaign not in refusing), ())
 
 
 def _abort(flying: Places, who: str) -> Iterator[CommandReply]:
@@ -143,7 +143,7 @@ def _to_campaigns(flying: Places, kind: OperatorKind, who: str) -> Iterator[Comm
             yield _no_answer(campaign, error)
             continue
         yield _reply(campaign, answer)
-        orphans = [one for one in orphans if one not in own]
+        orphans = [orphan for orphan in orphans if orphan not in own]
     for guard in orphans:
         yield _send_to_socket(guard, kind, who)
 

@@ -65,4 +65,4 @@ class CampaignDocuments:
     @property
     def run_problems(self) -> tuple[str, ...]:
         """Return what is missing or unreadable in runs, each with the run's name."""
-        return tuple(f"{one.name}: {text}" for one in self.entries for text in one.problems)
+        return tuple(f"{entry.name}: {text}" for entry in self.entries for text in entry.problems)

@@ -25,7 +25,9 @@ def facts_of(setup: "RunSetup") -> dict[str, str]:
     Files are recorded with the overrides of the case and of the command line.
     """
     plan = setup.order.plan
-    objects = {one.name: one.object_id for one in setup.virtual_scene.objects}
+    objects = {
+        scene_object.name: scene_object.object_id for scene_object in setup.virtual_scene.objects
+    }
     facts = {
         "case": plan.case,
         "mode": plan.mode,
@@ -34,7 +36,7 @@ def facts_of(setup: "RunSetup") -> dict[str, str]:
         "objects": json.dumps(objects),
         "campaign": json.dumps(plan.files.campaign.data, default=str),
         "fences": json.dumps(
-            {vehicle: plain_fence(fence) for vehicle, fence in setup.campaign.fences.items()}
+            {vehicle: plain_fence(fence) for vehicle, fence in setup.case.fences.items()}
         ),
     }
     if plan.files.world is not None:
@@ -56,7 +58,7 @@ def facts_of(setup: "RunSetup") -> dict[str, str]:
     }
     if mounts:
         facts["mounts"] = json.dumps(mounts)
-    recipe = setup.campaign.recipe
+    recipe = setup.case.recipe
     if recipe is not None and plan.mode == "wil":
         # JSON is YAML: the recipe as it was flown, with the overrides of the case.
         facts["recipe"] = json.dumps(recipe.document.data)

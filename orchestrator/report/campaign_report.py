@@ -96,14 +96,14 @@ def write_report(
     ]
     pages, sections = _pages_and_sections(orders, folder, campaign, workers)
     path = folder / FILE_NAME if out is None else out
-    html = [one.html for one in sections]
+    html = [section.html for section in sections]
     write_whole(path, render_page(campaign, html, pages, made_utc=utc_text(time.time())))
     if out is None:
-        for name, text in (file for one in sections for file in one.files.items()):
+        for name, text in (file for section in sections for file in section.files.items()):
             write_whole(folder / name, text)
-    problems = [f"{one.name}: {text}" for one in pages for text in one.problems]
-    problems += [text for one in sections for text in one.problems]
-    texts = tuple(one.text for one in sections if one.text)
+    problems = [f"{page.name}: {text}" for page in pages for text in page.problems]
+    problems += [text for section in sections for text in section.problems]
+    texts = tuple(section.text for section in sections if section.text)
     return WrittenReport(path, (*campaign.problems, *problems), texts)
 
 
@@ -120,7 +120,7 @@ def _runs_with_video(folder: Path, entries: Iterable[RunEntry]) -> Iterator[str]
 
 
 def _pages_and_sections(
-    orders: Sequence[_Order], folder: Path, campaign: CampaignDocuments, most: int | None
+    orders: Sequence[_Order], folder: Path, documents: CampaignDocuments, most: int | None
 ) -> tuple[list[RunPage], list[Section]]:
     """Return the runs of the page, and what plugins add to it."""
     wanted = tuple(added(hooks.report_sections).values())
@@ -133,10 +133,15 @@ def _pages_and_sections(
             suppress(BrokenProcessPool),
             ProcessPoolExecutor(workers, mp_context=context) as pool,
         ):
-            sections = [pool.submit(_section, one, folder, campaign) for one in wanted]
+            sections = [
+                pool.submit(_section, report_section, folder, documents)
+                for report_section in wanted
+            ]
             pages = list(pool.map(_page, orders, chunksize=2))
-            return pages, [one.result() for one in sections]
-    return list(map(_page, orders)), [_section(one, folder, campaign) for one in wanted]
+            return pages, [section.result() for section in sections]
+    return list(map(_page, orders)), [
+        _section(report_section, folder, documents) for report_section in wanted
+    ]
 
 
 def _section(
@@ -176,12 +181,12 @@ def _read_and_render(order: _Order) -> RunPage:
             data = (order.folder / run.name / run.video).read_bytes()
             video = f"data:video/mp4;base64,{base64.b64encode(data).decode('ascii')}"
     wanted = added(hooks.run_sections).values()
-    sections = [_section(one, order.folder, run) for one in wanted]
+    sections = [_section(run_section, order.folder, run) for run_section in wanted]
     run = replace(run, problems=(*run.problems, *(text for s in sections for text in s.problems)))
     return render_run(
         run,
         anchor=order.anchor,
         video=video,
         stand_in=order.stand_in,
-        sections=[one.html for one in sections],
+        sections=[section.html for section in sections],
     )

@@ -71,9 +71,9 @@ def _find_run(folder: Path, name: str) -> tuple[CampaignDocuments, RunEntry]:
     """Return the run of a name, or the one to show: a failed one that decides, else the first."""
     campaign = read_campaign(folder)
     if name:
-        found = next((one for one in campaign.entries if one.name == name), None)
+        found = next((entry for entry in campaign.entries if entry.name == name), None)
         if found is None:
-            names = ", ".join(one.name for one in campaign.entries[:_NAMED])
+            names = ", ".join(entry.name for entry in campaign.entries[:_NAMED])
             raise ResultsFolderError(f"--run {name}: no run of {folder}; there are {names}")
         return campaign, found
     if not campaign.entries:

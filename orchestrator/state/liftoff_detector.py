@@ -29,7 +29,7 @@ class LiftoffDetector:
         """
         return self._above_s if self._climbed_s is None else self._climbed_s
 
-    def take(self, t_s: float, *, height_m: float, climb_m_s: float) -> None:
+    def observe(self, t_s: float, *, height_m: float, climb_m_s: float) -> None:
         """Add an armed vehicle's height above its start, and its climb rate."""
         if self._climbed_s is not None:
             return

@@ -8,7 +8,7 @@ from typing import Self
 from wil_campaign.campaigns.expansion.expansion import RunPlan
 from wil_campaign.campaigns.schema import Mode, VehicleName
 from wil_campaign.campaigns.setup.actor_setups import ActorSetup
-from wil_campaign.campaigns.setup.case_setup import FLIES, Setup, VehicleSetup
+from wil_campaign.campaigns.setup.case_setup import FLIES, Case, VehicleSetup
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
 from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.orchestrator.model.results import Attempt
@@ -48,7 +48,7 @@ class RunSetup:
     """
 
     order: RunOrder
-    campaign: Setup
+    case: Case
     vehicles: tuple[VehicleSetup, ...]
     profiles: Mapping[str, Profile]
     real_scene: Scene
@@ -59,14 +59,14 @@ class RunSetup:
     @classmethod
     def of(cls, order: RunOrder) -> Self:
         """Return the setup of an order. Raises BadInput, ProfileError."""
-        campaign, mode = order.plan.setup(), order.plan.mode
-        there = tuple(campaign.vehicles[name] for name in FLIES[mode])
-        flying = campaign.flying(mode)
-        real_scene, virtual_scene = (campaign.world.scene(mode, which) for which in ("W", "Wv"))
-        actors = campaign.actors_in(mode)
+        case, mode = order.plan.setup(), order.plan.mode
+        there = tuple(case.vehicles[name] for name in FLIES[mode])
+        flying = case.flying(mode)
+        real_scene, virtual_scene = (case.world.scene(mode, which) for which in ("W", "Wv"))
+        actors = case.actors_in(mode)
         return cls(
             order=order,
-            campaign=campaign,
+            case=case,
             vehicles=tuple(one for one in there if one.name in flying),
             placed=next((one for one in there if one.name not in flying), None),
             profiles={vehicle.name: load_profile(vehicle.profile) for vehicle in (*there, *actors)},
@@ -93,7 +93,7 @@ class RunSetup:
     @property
     def pace(self) -> float:
         """Return the pace of the run's clock in times real time; 1 unless it is scaled."""
-        pace = self.campaign.pace(self.mode) if self.clock == "scaled" else None
+        pace = self.case.pace(self.mode) if self.clock == "scaled" else None
         return pace or 1.0
 
     @property
@@ -127,7 +127,7 @@ class RunSetup:
 
     def vehicle(self, name: str) -> VehicleSetup:
         """Return a vehicle of the run that flies or is placed. Raises StopIteration for another."""
-        return next(one for one in self.with_sensors if one.name == name)
+        return next(with_sensor for with_sensor in self.with_sensors if with_sensor.name == name)
 
     @property
     def liftoff_delays_s(self) -> Mapping[str, float]:
@@ -136,14 +136,14 @@ class RunSetup:
         As measured in earlier runs, else the default of its autopilot; empty where the commands are
         to be sent together.
         """
-        if self.campaign.sync.takeoff == "command":
+        if self.case.sync.takeoff == "command":
             return {}
         known: dict[str, float] = {one.name: _liftoff_s(one) for one in self.vehicles}
         return {**known, **self.order.liftoff_delays_s}
 
     def height_m(self, vehicle: VehicleSetup) -> float:
         """Return the takeoff height of a vehicle above its start."""
-        return self.campaign.goal.altitude_m + vehicle.start.position_ned_m[2]
+        return self.case.goal.altitude_m + vehicle.start.position_ned_m[2]
 
 
 def _liftoff_s(vehicle: VehicleSetup) -> float:

@@ -156,7 +156,7 @@ class RunState:
 
     def fault(self, error: BaseException, where: str) -> None:
         """Record an internal exception, once: it decides the run as ERROR."""
-        self._faults.take(error, where)
+        self._faults.record(error, where)
 
     def recording_faults(self, where: str) -> AbstractContextManager[None]:
         """Record an exception raised within as the run's fault, and suppress it."""

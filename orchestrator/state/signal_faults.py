@@ -62,7 +62,7 @@ class SignalFaults:
     ) -> FaultySignal[T] | None:
         """Return the fault injection of a signal; None for a signal without faults."""
         key = (vehicle, sensor)
-        if not any((one.vehicle, one.sensor) == key for one in self._faults):
+        if not any((fault.vehicle, fault.sensor) == key for fault in self._faults):
             return None
         signal = self._signals.setdefault(key, FaultySignal(cast("Restamp[object]", restamp)))
         return cast("FaultySignal[T]", signal)

@@ -114,19 +114,19 @@ class VehicleContext:
             return None
         return Telemetry(estimate.t_s, estimate.pose, estimate.velocity_ned_m_s)
 
-    def take_estimate(self, sample: EstimateSample) -> None:
+    def receive_estimate(self, sample: EstimateSample) -> None:
         """Process an estimate of the vehicle's autopilot."""
         if self.driver.state.armed:
             self._detect_liftoff(sample)
-        self._take_sample("mavlink", _pass_fault(self._faulty_estimate, sample))
+        self._receive_sample("mavlink", _pass_fault(self._faulty_estimate, sample))
 
-    def take_simulator(self, sample: EstimateSample) -> None:
+    def receive_simulator(self, sample: EstimateSample) -> None:
         """Process a ground truth of the vehicle that its simulator sent over MAVLink."""
         if not self._has_own_truth:
             self.truth.add(sample.t_s, sample.pose, sample.velocity_ned_m_s)
-        self._take_sample("simulator", _pass_fault(self._faulty_simulator, sample))
+        self._receive_sample("simulator", _pass_fault(self._faulty_simulator, sample))
 
-    def take_mocap(self, captured: PoseReading) -> None:
+    def receive_mocap(self, captured: PoseReading) -> None:
         """Process a motion capture pose of the vehicle."""
         reading = _pass_fault(self._faulty_mocap, captured)
         if reading is None:
@@ -138,9 +138,9 @@ class VehicleContext:
             self._refer("mocap", reading.t_s, reading.pose, reading.velocity_ned_m_s or _ZERO)
             return
         velocity = reading.velocity_ned_m_s or self._mocap_velocity(reading)
-        self._take_pose(reading.t_s, reading.pose, velocity)
+        self._receive_pose(reading.t_s, reading.pose, velocity)
 
-    def take_truth(self, sample: TruthSample) -> None:
+    def receive_truth(self, sample: TruthSample) -> None:
         """Process the true pose of an embedded vehicle."""
         self._has_own_truth = True
         self.truth.add(sample.t_s, sample.pose, sample.velocity_ned_m_s)
@@ -151,16 +151,16 @@ class VehicleContext:
                 with _LISTENER:
                     listener(sample)
 
-    def _take_sample(self, source: str, sample: EstimateSample | None) -> None:
+    def _receive_sample(self, source: str, sample: EstimateSample | None) -> None:
         """Take a sample as a pose if it is of the pose source, else as a reference."""
         if sample is None:
             return
         if source == self.pose_source:
-            self._take_pose(sample.t_s, sample.pose, sample.velocity_ned_m_s)
+            self._receive_pose(sample.t_s, sample.pose, sample.velocity_ned_m_s)
         else:
             self._refer(source, sample.t_s, sample.pose, sample.velocity_ned_m_s)
 
-    def _take_pose(self, t_s: float, pose: Pose, velocity_ned_m_s: Vec3) -> None:
+    def _receive_pose(self, t_s: float, pose: Pose, velocity_ned_m_s: Vec3) -> None:
         if not self.poses.add(t_s, pose, velocity_ned_m_s):
             return
         sample = PoseSample(t_s, self.name, pose, velocity_ned_m_s)
@@ -189,7 +189,7 @@ class VehicleContext:
     def _detect_liftoff(self, sample: EstimateSample) -> None:
         height_m = self.start.position_ned_m[2] - sample.pose.position_ned_m[2]
         climb_m_s = -sample.velocity_ned_m_s[2]
-        self.liftoff.take(sample.t_s, height_m=height_m, climb_m_s=climb_m_s)
+        self.liftoff.observe(sample.t_s, height_m=height_m, climb_m_s=climb_m_s)
 
 
 def _pass_fault(fault: FaultySignal[T] | None, sample: T) -> T | None:

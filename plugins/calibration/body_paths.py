@@ -55,9 +55,9 @@ def path_in_run(folder: Path, vehicle: str) -> BodyPath:
     try:
         with file.open("rb") as stream:
             samples = [
-                (one.t_s, one.pose)
-                for one in read_judge_log(stream)
-                if isinstance(one, PoseSample) and one.vehicle == vehicle
+                (pose_sample.t_s, pose_sample.pose)
+                for pose_sample in read_judge_log(stream)
+                if isinstance(pose_sample, PoseSample) and pose_sample.vehicle == vehicle
             ]
     except OSError as error:
         raise OfflineError(f"{file}: cannot be read: {error.strerror or error}") from error

@@ -72,7 +72,9 @@ def fit_mounting(
     Raises CalibrationError when there are too few images, or the body did not move enough.
     """
     track = _Track(path)
-    seen = [one for one in sightings if track.covers(one.t_s - LONGEST_S, one.t_s)]
+    seen = [
+        sighting for sighting in sightings if track.covers(sighting.t_s - LONGEST_S, sighting.t_s)
+    ]
     seen = seen[:: -(-len(seen) // _MOST) or 1]
     if len(seen) < FEWEST:
         raise CalibrationError(
@@ -180,9 +182,9 @@ class _Problem:
         self._track = track
         self._matrix, self._distortion = _lens(intrinsics)
         # All corners of all images in one array, and the index of each corner's image.
-        self._board_m = np.concatenate([one.board_m for one in seen])
-        self._pixels = np.concatenate([one.pixels for one in seen])
-        self._of = np.repeat(np.arange(len(seen)), [len(one.board_m) for one in seen])
+        self._board_m = np.concatenate([sighting.board_m for sighting in seen])
+        self._pixels = np.concatenate([sighting.pixels for sighting in seen])
+        self._of = np.repeat(np.arange(len(seen)), [len(sighting.board_m) for sighting in seen])
 
     def residuals(self, x: Points) -> Points:
         """Return the residuals of a mounting: pixels of all corners."""

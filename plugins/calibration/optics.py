@@ -65,7 +65,11 @@ def fit_optics(
             "and more, to each side"
         )
     matrix, distortion, errors = _calibrate(chosen, size, coefficients)
-    kept = [one for one, e in zip(chosen, errors, strict=True) if e <= _OUTLIER * np.median(errors)]
+    kept = [
+        sighting
+        for sighting, e in zip(chosen, errors, strict=True)
+        if e <= _OUTLIER * np.median(errors)
+    ]
     if FEWEST <= len(kept) < len(chosen):
         chosen = kept
         matrix, distortion, errors = _calibrate(chosen, size, coefficients)
@@ -100,7 +104,7 @@ def most_different(
     """
     if not sightings:
         return []
-    views = np.array([_view(one, size) for one in sightings])
+    views = np.array([_view(sighting, size) for sighting in sightings])
     chosen = [0]
     distances = np.linalg.norm(views - views[0], axis=1)
     while len(chosen) < min(most, len(sightings)):
@@ -116,8 +120,8 @@ def covered(sightings: Sequence[Sighting], size: tuple[int, int]) -> float:
     """Return the share of the image's cells (8 x 6) with a corner, for the optics."""
     cells = {
         (int(u * _GRID[0] / size[0]), int(v * _GRID[1] / size[1]))
-        for one in sightings
-        for u, v in one.pixels
+        for sighting in sightings
+        for u, v in sighting.pixels
     }
     return len(cells) / (_GRID[0] * _GRID[1])
 
@@ -136,10 +140,10 @@ def _view(one: Sighting, size: tuple[int, int]) -> Points:
 def _slant(sightings: Sequence[Sighting]) -> float:
     """Return the slant of the most slanted view (0: none), which optics need."""
     worst = 0.0
-    for one in sightings:
-        board = one.board_m[:, :2]
+    for sighting in sightings:
+        board = sighting.board_m[:, :2]
         design = np.column_stack((board, np.ones(len(board))))
-        affine = np.linalg.lstsq(design, one.pixels, rcond=None)[0][:2]
+        affine = np.linalg.lstsq(design, sighting.pixels, rcond=None)[0][:2]
         long, short = np.linalg.svd(affine, compute_uv=False)
         worst = max(worst, 1.0 - float(short / long))
     return worst
@@ -149,8 +153,8 @@ def _calibrate(
     sightings: Sequence[Sighting], size: tuple[int, int], coefficients: int
 ) -> tuple[Points, Points, Points]:
     """Return fitted camera matrix, distortion, and each image's error in pixels."""
-    boards = [one.board_m.astype(np.float32) for one in sightings]
-    pixels = [one.pixels.astype(np.float32).reshape(-1, 1, 2) for one in sightings]
+    boards = [sighting.board_m.astype(np.float32) for sighting in sightings]
+    pixels = [sighting.pixels.astype(np.float32).reshape(-1, 1, 2) for sighting in sightings]
     try:
         found = cv2.calibrateCameraExtended(
             boards, pixels, size, None, None, flags=_COEFFICIENTS[coefficients]

@@ -90,7 +90,7 @@ class _Handoff:
         self.opened = True
         self._wake()
 
-    def take(self) -> tuple[_ArrivedImage | None, int]:
+    def receive(self) -> tuple[_ArrivedImage | None, int]:
         """Return the oldest useful image of the queue, and how many were dropped before it."""
         with self._lock:
             dropped, self._dropped_since_take = self._dropped_since_take, 0
@@ -194,7 +194,7 @@ class LiveCamera:
 
     async def _next_image(self) -> _ArrivedImage:
         while True:
-            arrived, dropped = self._handoff.take()
+            arrived, dropped = self._handoff.receive()
             for _ in range(dropped):
                 self._dropped += 1
                 self._stamper.skip_exposure()

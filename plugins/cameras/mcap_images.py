@@ -160,7 +160,7 @@ def _messages(stream: IO[bytes], summary: Summary | None, topic: str) -> Iterato
     if summary is None or not summary.chunk_indexes:
         yield from _messages_in_file_order(stream, topic)
         return
-    channels = {one.id for one in summary.channels.values() if one.topic == topic}
+    channels = {channel.id for channel in summary.channels.values() if channel.topic == topic}
     chunks = sorted(summary.chunk_indexes, key=lambda one: one.message_start_time)
     waiting: list[tuple[int, int, Message]] = []
     order = count()
@@ -202,8 +202,8 @@ def _image_topics(stream: IO[bytes], summary: Summary | None) -> dict[str, Decod
         schemas, channels = dict(summary.schemas), list(summary.channels.values())
     else:
         records = list(_records_but_messages(stream))
-        schemas = {one.id: one for one in records if isinstance(one, Schema)}
-        channels = [one for one in records if isinstance(one, Channel)]
+        schemas = {record.id: record for record in records if isinstance(record, Schema)}
+        channels = [record for record in records if isinstance(record, Channel)]
     found: dict[str, Decode] = {}
     for channel in channels:
         schema = schemas.get(channel.schema_id)
@@ -214,4 +214,4 @@ def _image_topics(stream: IO[bytes], summary: Summary | None) -> dict[str, Decod
 
 
 def _records_but_messages(stream: IO[bytes]) -> Iterator[Schema | Channel]:
-    return (one for one in _records(stream) if not isinstance(one, Message))
+    return (record for record in _records(stream) if not isinstance(record, Message))

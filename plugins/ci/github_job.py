@@ -30,7 +30,7 @@ def tell_problems(problems: tuple[Problem, ...], warnings: tuple[Problem, ...]) 
     if os.environ.get("GITHUB_ACTIONS") != "true":
         return
     for kind, found in (("error", problems), ("warning", warnings)):
-        _annotate(kind, [(_place(one), one.text) for one in found])
+        _annotate(kind, [(_place(problem), problem.text) for problem in found])
 
 
 def tell_verdicts(campaign: Campaign, summary: Summary, folder: Path, *, arm: bool = True) -> None:

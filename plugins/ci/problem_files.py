@@ -18,8 +18,8 @@ def sarif_text(problems: tuple[Problem, ...], warnings: tuple[Problem, ...]) -> 
     """Return the faults and warnings as a SARIF log of one run of this program."""
     rule = {"id": _RULE, "shortDescription": {"text": _SUMMARY}}
     driver = {"name": "wil-campaign", "version": program_version(), "rules": [rule]}
-    results = [_result(one, "error") for one in problems]
-    results += [_result(one, "warning") for one in warnings]
+    results = [_result(problem, "error") for problem in problems]
+    results += [_result(warning, "warning") for warning in warnings]
     run = {"tool": {"driver": driver}, "columnKind": "unicodeCodePoints", "results": results}
     return json.dumps({"version": "2.1.0", "runs": [run]}, indent=2) + "\n"
 
@@ -31,7 +31,7 @@ def code_quality_text(problems: tuple[Problem, ...], warnings: tuple[Problem, ..
     """
     seen: Counter[tuple[str, str]] = Counter()
     issues = []
-    graded = [*((one, "major") for one in problems), *((one, "minor") for one in warnings)]
+    graded = [*((one, "major") for one in problems), *((warning, "minor") for warning in warnings)]
     for problem, severity in graded:
         seen[problem.file, problem.message] += 1
         number = seen[problem.file, problem.message]

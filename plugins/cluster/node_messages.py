@@ -256,7 +256,9 @@ def _map_sources(order: RunOrder, change: Callable[[Source], Source]) -> RunOrde
     def of_node(node: Node) -> Node:
         value = node.value
         if isinstance(value, dict):
-            value = {key: Entry(of_place(one.key), of_node(one.node)) for key, one in value.items()}
+            value = {
+                key: Entry(of_place(entry.key), of_node(entry.node)) for key, entry in value.items()
+            }
         elif isinstance(value, tuple):
             value = tuple(map(of_node, value))
         return replace(node, value=value, place=of_place(node.place))

@@ -123,8 +123,8 @@ class NodeRuns:
             unpack_files(campaign.files, self._home)
         except (DamagedFileError, OSError) as error:
             return f"the campaign's files cannot be unpacked: {error}"
-        folders = [str(place_beneath(self._home, one)) for one in campaign.files.search_path]
-        sys.path[:0] = [one for one in folders if one not in sys.path]
+        folders = [str(place_beneath(self._home, path)) for path in campaign.files.search_path]
+        sys.path[:0] = [folder for folder in folders if folder not in sys.path]
         self.close()
         self._results = results
         return ""

@@ -183,12 +183,12 @@ def hire_agents(
         up = _await_hires(ray, hires, cores, say)
         agents = [one.agent() for one in up]
     except BaseException:
-        for one in hires:
-            one.dismiss()
+        for hire in hires:
+            hire.dismiss()
         raise
-    for one in hires:
-        if one not in up:
-            one.dismiss()
+    for hire in hires:
+        if hire not in up:
+            hire.dismiss()
     if len(up) < count:
         say(f"{len(up)} of {count} runs have a place on the cluster and start")
     return agents
@@ -201,12 +201,12 @@ def _await_hires(
 
     Raises EngineError where none has.
     """
-    futures = [one.future for one in hires]
+    futures = [hire.future for hire in hires]
     late = wait(futures, REPORT_S, return_when=FIRST_EXCEPTION).not_done
-    if late and not any(one.done() and one.exception() for one in futures):
+    if late and not any(future.done() and future.exception() for future in futures):
         say(f"{waiting_text(ray.nodes(), cores)}; waiting up to {HIRED_S:g} s")
         wait(futures, HIRED_S - REPORT_S, return_when=FIRST_EXCEPTION)
-    up = [one for one in hires if one.future.done()]
+    up = [hire for hire in hires if hire.future.done()]
     if hires and not up:
         raise EngineError(no_place_text(len(hires), cores))
     return up

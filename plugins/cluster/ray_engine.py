@@ -103,7 +103,7 @@ class RayEngine:
             raise EngineError(f"the store of results is not usable: {error}") from error
         brought = CampaignBrought(home, session, files, place.store, place.place)
         results = FetchedResults(self.store, home, place.place)
-        nodes = ", ".join(sorted({one.node for one in self.idle}))
+        nodes = ", ".join(sorted({hired_agent.node for hired_agent in self.idle}))
         say(f"{len(self.idle)} workers on {nodes}, {len(files.files)} files to copy")
         return RayWorkers(engine=self, brought=brought, ledger=ledger, results=results, say=say)
 

@@ -136,8 +136,8 @@ def _sent_files(store: Store, place: str) -> Mapping[str, _SentFile] | None:
     try:
         files = json.loads(content)["files"]
         sent = {
-            str(name): _SentFile(str(one["sha256"]), int(one["size"]))
-            for name, one in files.items()
+            str(name): _SentFile(str(file["sha256"]), int(file["size"]))
+            for name, file in files.items()
         }
     except (ValueError, KeyError, TypeError, AttributeError):
         return None  # some stores show a file while it is written

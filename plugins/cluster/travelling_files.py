@@ -66,7 +66,9 @@ def pack_files(
     """
     packed = tuple(_pack_file(path) for path in with_companions(map(as_used, paths)))
     folders = dict.fromkeys(as_used(Path(entry)) for entry in search_path)
-    needed = [one for one in folders if any(file.path.is_relative_to(one) for file in packed)]
+    needed = [
+        folder for folder in folders if any(file.path.is_relative_to(folder) for file in packed)
+    ]
     digests = {file.path: file.sha256 for file in packed}
     named = (FileInPlace(name, digests[path]) for name, path in in_place if path in digests)
     return TravellingFiles(packed, tuple(needed), tuple(dict.fromkeys(named)))

@@ -54,7 +54,7 @@ class CampaignPoller:
             if not last["is_over"] or "accepted" not in last:
                 # Without a summary, as after a crash, the last known verdicts stay.
                 last |= {"is_over": True, "flying": {}, **_summary(folder)}
-        for folder in [one for one in self._last if one not in flying][:-_MOST_ENDED]:
+        for folder in [path for path in self._last if path not in flying][:-_MOST_ENDED]:
             del self._last[folder]
         return {"campaigns": list(self._last.values()), "guards": guards, "problem": ""}
 
@@ -84,7 +84,7 @@ class CampaignPoller:
             runs = _document(folder / "campaign.json").get("runs")
             if not isinstance(runs, list):
                 return []
-            self._planned[folder] = [str(one.get("run")) for one in runs if isinstance(one, dict)]
+            self._planned[folder] = [str(run.get("run")) for run in runs if isinstance(run, dict)]
         return self._planned[folder]
 
 
@@ -105,10 +105,10 @@ def _summary(folder: Path) -> dict[str, Any]:
     if not found:
         return {}
     runs = [*_list(found, "runs"), *_list(found, "controls")]
-    verdicts = {f"{one.get('case')}/{one.get('mode')}/{one.get('rep')}": one for one in runs}
+    verdicts = {f"{run.get('case')}/{run.get('mode')}/{run.get('rep')}": run for run in runs}
     return {
-        "finished": {name: str(one.get("verdict")) for name, one in verdicts.items()},
-        "reasons": {name: str(one.get("reason", "")) for name, one in verdicts.items()},
+        "finished": {name: str(verdict.get("verdict")) for name, verdict in verdicts.items()},
+        "reasons": {name: str(verdict.get("reason", "")) for name, verdict in verdicts.items()},
         "accepted": found.get("accepted"),
     }
 

@@ -46,7 +46,7 @@ class DownTimes:
         """Record that a vehicle is down; an earlier time stays."""
         self._at_s.setdefault(vehicle, at_s)
 
-    def take_view(self, view: RunView, at_s: float) -> None:
+    def receive_view(self, view: RunView, at_s: float) -> None:
         """Record which vehicles are down in a run's state; one without a message has none."""
         for vehicle in view.vehicles:
             if vehicle.silent_s is None:
@@ -56,7 +56,7 @@ class DownTimes:
             else:
                 self._at_s.pop(vehicle.name, None)
 
-    def take_event(self, event: EventView, newest: RunView | None, at_s: float) -> float | None:
+    def receive_event(self, event: EventView, newest: RunView | None, at_s: float) -> float | None:
         """Record a landing by an event; return its time, None for any other event.
 
         newest: the run's state; an event may arrive after a newer one, and is no news then.
@@ -124,7 +124,7 @@ class _RunRecord:
         """Return an event for the page, with when it was received, and whether it is a landing."""
         at_s = time.time()
         newest = None if self.newest is None else self.newest.content
-        down_at_s = self.down.take_event(event, newest, at_s)
+        down_at_s = self.down.receive_event(event, newest, at_s)
         document = msgspec.structs.asdict(event)
         return as_text({"type": "event", **document, "at_s": at_s, "down_at_s": down_at_s})
 
@@ -176,7 +176,7 @@ class ConsoleHub:
 
     def views(self) -> list[RunView]:
         """Return the newest states of all known runs."""
-        return [one.newest.content for one in self._runs.values() if one.newest is not None]
+        return [run.newest.content for run in self._runs.values() if run.newest is not None]
 
     def say_goodbye(self) -> None:
         """Tell all pages that the console ends with its campaign."""
@@ -201,7 +201,7 @@ class ConsoleHub:
 
     def show_status(self, document: Mapping[str, Any]) -> None:
         """Send all pages the status of campaigns and guards; also the server's heartbeat."""
-        guards = [self._take_guard(guard) for guard in document["guards"]]
+        guards = [self._receive_guard(guard) for guard in document["guards"]]
         self._status = _Received.now({**document, "guards": guards})
         text = _status_text(self._status)
         for page in self._pages:
@@ -217,7 +217,7 @@ class ConsoleHub:
         for page in self._pages:
             page.show(kind, text)
 
-    def _take_guard(self, guard: Mapping[str, Any]) -> dict[str, Any]:
+    def _receive_guard(self, guard: Mapping[str, Any]) -> dict[str, Any]:
         """Record which vehicles a guard reports down; return its status with the times."""
         record = self._runs.get(guard["folder"])
         if record is None:
@@ -234,13 +234,13 @@ class ConsoleHub:
         self._commands.append(text)
         self._order(text)
 
-    async def take(self, message: FeedMessage) -> None:
+    async def receive(self, message: FeedMessage) -> None:
         """Take a message of a live feed."""
         record = self._record(message.run)
         match message:
             case RunView():
                 record.newest = received = _Received.now(message)
-                record.down.take_view(message, received.at_s)
+                record.down.receive_view(message, received.at_s)
                 text = record.view_text(received)
                 for page in self._pages:
                     page.show(f"run {message.run}", text)

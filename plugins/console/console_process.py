@@ -115,7 +115,7 @@ async def _feed_hub(
         if recorded is None:
             source = group.create_task(_receive(hub, scope), name="live feeds")
         else:
-            source = group.create_task(recorded.play(hub.take), name="recorded run")
+            source = group.create_task(recorded.play(hub.receive), name="recorded run")
         polling = group.create_task(_poll(hub, poller), name="status")
         await _wait_for_end(poller, ends=ends)
         await asyncio.sleep(_LINGER_S)
@@ -158,7 +158,7 @@ async def _receive(hub: ConsoleHub, scope: FlightScope) -> None:
                 with contextlib.suppress(MessageError):
                     message = feed_codec.decode(datagram)
                     if scope.covers(message.run):
-                        await hub.take(message)
+                        await hub.receive(message)
     except OSError as error:
         raise ConsoleError(f"live feeds cannot be received: {error}") from error
 

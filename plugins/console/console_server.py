@@ -208,7 +208,9 @@ class ConsoleServer:
             check_fence(command.document, self._hub.views())
         outcome = await self._sender.send(command, f"{NAME_PREFIX}{session.name}")
         about = {"command": command.kind, "who": session.name, "is_obeyed": outcome.is_obeyed}
-        missing = [{"name": one.name, "folder": str(one.folder)} for one in outcome.unconfirmed]
+        missing = [
+            {"name": place.name, "folder": str(place.folder)} for place in outcome.unconfirmed
+        ]
         self._hub.show_command(
             {**about, "ok": outcome.ok, "texts": outcome.texts, "unconfirmed": missing}
         )
@@ -268,11 +270,11 @@ class ConsoleServer:
 
 
 def _page_files(folder: Traversable, beneath: str = "") -> Iterator[tuple[str, bytes]]:
-    for one in folder.iterdir():
-        if one.is_dir():
-            yield from _page_files(one, f"{beneath}{one.name}/")
-        elif one.name.rpartition(".")[2] in _KINDS:
-            yield f"{beneath}{one.name}", one.read_bytes()
+    for traversable in folder.iterdir():
+        if traversable.is_dir():
+            yield from _page_files(traversable, f"{beneath}{traversable.name}/")
+        elif traversable.name.rpartition(".")[2] in _KINDS:
+            yield f"{beneath}{traversable.name}", traversable.read_bytes()
 
 
 async def _json_of(request: web.Request) -> dict[str, Any]:

@@ -76,8 +76,8 @@ class _Loaded:
             return ()
         is_over = t_s >= self.rows[-1].t_s
         return tuple(
-            MarginView.of(one if is_over or _is_known(one, t_s) else _open(one))
-            for one in self.result.oracles
+            MarginView.of(oracle if is_over or _is_known(oracle, t_s) else _open(oracle))
+            for oracle in self.result.oracles
         )
 
 
@@ -159,7 +159,7 @@ class RecordedRun:
         except ResultError:
             result = None
         events = tuple(
-            _event(self._run, number, one) for number, one in enumerate(log.events, start=1)
+            _event(self._run, number, event) for number, event in enumerate(log.events, start=1)
         )
         history = read_judged_motion(self._folder / JUDGED).world_events
         states = _states(self._folder / JUDGED)

@@ -86,7 +86,7 @@ def _kinds(facts: Mapping[str, str]) -> dict[str, str]:
     """Return the kind of each vehicle as text, by its link; empty where the links are unknown."""
     try:
         vehicles = json.loads(facts.get("campaign", "{}"))["vehicles"]
-        links = {str(name): one["link"] for name, one in vehicles.items()}
+        links = {str(name): vehicle["link"] for name, vehicle in vehicles.items()}
     except (ValueError, KeyError, TypeError, AttributeError):
         return {}
     return {name: _kind(link) for name, link in links.items()}

@@ -105,9 +105,9 @@ class GrabbedReadings(LiveReadings):
 
     def _hand_on(self, loop: asyncio.AbstractEventLoop, grabbed: GrabbedDepth) -> None:
         if not loop.is_closed():
-            loop.call_soon_threadsafe(self._take, grabbed, loop.time())
+            loop.call_soon_threadsafe(self._receive, grabbed, loop.time())
 
-    def _take(self, grabbed: GrabbedDepth, arrived_s: float) -> None:
+    def _receive(self, grabbed: GrabbedDepth, arrived_s: float) -> None:
         """Take an image that arrived at a time of the run clock."""
         if grabbed.depth_m is None:
             self.refuse(grabbed.why)

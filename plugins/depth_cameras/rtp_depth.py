@@ -41,7 +41,7 @@ class DepthLines:
         self._stamp: int | None = None
         self._is_open = False
 
-    def take(self, packet: bytes) -> GrabbedDepth | None:
+    def receive(self, packet: bytes) -> GrabbedDepth | None:
         """Take a packet; return the image that it completes, or ends incomplete."""
         try:
             stamp, is_last, payload = _rtp(packet)
@@ -140,7 +140,7 @@ class RtpDepth:
         if self._socket is None:
             return None
         try:
-            return self._lines.take(self._socket.recv(65_536))
+            return self._lines.receive(self._socket.recv(65_536))
         except TimeoutError:
             return None
 

@@ -67,10 +67,10 @@ def doctor(
         return check_vehicle(vehicle, wanted, arm_real=arm_real, results=out_, as_json=json_)
     findings = [*_findings(out_), *links.campaign_links(files)]
     if json_:
-        out(json.dumps([asdict(one) for one in findings], indent=2, ensure_ascii=False))
+        out(json.dumps([asdict(finding) for finding in findings], indent=2, ensure_ascii=False))
     else:
         out(as_text(findings))
-    return TROUBLE if any(one.grade == "trouble" for one in findings) else 0
+    return TROUBLE if any(finding.grade == "trouble" for finding in findings) else 0
 
 
 def _findings(results: Path) -> Iterable[Finding]:

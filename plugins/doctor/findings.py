@@ -28,11 +28,11 @@ def as_text(findings: Iterable[Finding]) -> str:
     """Return the doctor's findings as text, topic by topic."""
     lines: list[str] = []
     topic = ""
-    for one in findings:
-        if one.topic != topic:
-            topic = one.topic
+    for finding in findings:
+        if finding.topic != topic:
+            topic = finding.topic
             lines += ([""] if lines else []) + [topic]
-        lines.append(f"  {MARKS[one.grade]} {one.text}")
-        if one.remedy:
-            lines.append(f"     {one.remedy}")
+        lines.append(f"  {MARKS[finding.grade]} {finding.text}")
+        if finding.remedy:
+            lines.append(f"     {finding.remedy}")
     return "\n".join(lines)

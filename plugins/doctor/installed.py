@@ -78,9 +78,9 @@ def package_of(requirement: str) -> str:
 
 
 def _required_packages(requirements: list[str]) -> Iterator[str]:
-    for one in requirements:
-        if "extra ==" not in one:
-            yield package_of(one)
+    for requirement in requirements:
+        if "extra ==" not in requirement:
+            yield package_of(requirement)
 
 
 def is_there(name: str, find: Version = version) -> bool:

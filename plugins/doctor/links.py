@@ -32,14 +32,21 @@ def campaign_links(files: Iterable[Path]) -> Iterator[Finding]:
             continue
         attached = attached_vehicles(campaign)
         if not attached:
-            kinds = {"launched" if one.launch else "embedded" for one in flown_vehicles(campaign)}
+            kinds = {
+                "launched" if flown_vehicle.launch else "embedded"
+                for flown_vehicle in flown_vehicles(campaign)
+            }
             text = f"{file}: its vehicles are {' and '.join(sorted(kinds))}"
             yield Finding(CAMPAIGNS, "good", text)
         for vehicle in attached:
             for address in vehicle.addresses:
                 yield asyncio.run(_open_link(f"{file}: {vehicle.name}", address))
         for driver in added(drivers).values():
-            by_it = {one.name for one in flown_vehicles(campaign) if one.driver == driver.name}
+            by_it = {
+                flown_vehicle.name
+                for flown_vehicle in flown_vehicles(campaign)
+                if flown_vehicle.driver == driver.name
+            }
             if by_it and not is_there(package_of(driver.requirement)):
                 names = ", ".join(sorted(by_it))
                 text = f"{file}: {names}: the driver {driver.name} is not installed"

@@ -184,17 +184,19 @@ def orphans(
 
 def _simulators(launches: Iterable[LaunchRecord]) -> Iterator[Finding]:
     """Yield findings on simulators of earlier runs that still run."""
-    for one in launches:
-        pids = " ".join(str(process.pid) for process in one.survivors())
-        yield Finding(LEFT, "trouble", f"{one.label} of {one.folder} still runs", f"kill {pids}")
+    for launch in launches:
+        pids = " ".join(str(process.pid) for process in launch.survivors())
+        yield Finding(
+            LEFT, "trouble", f"{launch.label} of {launch.folder} still runs", f"kill {pids}"
+        )
 
 
 def _vehicles(guards: Iterable[GuardRecord]) -> Iterator[Finding]:
-    for one in guards:
-        alive = [child.pid for child in one.children if child.lives]
-        if alive and not one.guard.lives and not (one.owner is not None and one.owner.lives):
+    for guard in guards:
+        alive = [child.pid for child in guard.children if child.lives]
+        if alive and not guard.guard.lives and not (guard.owner is not None and guard.owner.lives):
             pids = ", ".join(map(str, alive))
-            text = f"vehicles of {one.run} in {one.folder} still run (processes {pids})"
+            text = f"vehicles of {guard.run} in {guard.folder} still run (processes {pids})"
             yield Finding(LEFT, "trouble", text, "the next run ends them; or kill them")
 
 
@@ -247,7 +249,7 @@ def disk(results: Path) -> Iterator[Finding]:
     except BadInput as error:
         yield Finding(DISK, "trouble", str(error))
         return
-    folder = next((one for one in (results, *results.parents) if is_folder(one)), Path())
+    folder = next((path for path in (results, *results.parents) if is_folder(path)), Path())
     if not os.access(folder, os.W_OK):
         remedy = "give another folder by --out"
         yield Finding(DISK, "trouble", f"{folder} is not writable", remedy)

@@ -69,7 +69,7 @@ class Distance(LimitOracle):
             at_s, far_m = self._nearest(sample, sample)
             judged.append((self._max_m - far_m, far_m, at_s))
         margin_m, distance_m, at_s = min(judged)
-        return self.take(
+        return self.judge_margin(
             at_s,
             distance_m,
             margin_m,

@@ -66,7 +66,7 @@ class Encounter(Oracle):
             return NO_FLAGS
         at = (sample.pose, sample.t_s)
         swept = self._probe.sweep(*at, *at, self._events)
-        distance_m = max(0.0, min(one.clearance_m for one in swept))
+        distance_m = max(0.0, min(separation.clearance_m for separation in swept))
         if self._nearest_m is None or distance_m < self._nearest_m:
             self._nearest_m = distance_m
         since_s, self._near_since_s = self._near_since_s, None

@@ -24,7 +24,7 @@ class Bridge:
         self._runs: OrderedDict[str, LiveMessages] = OrderedDict()
         self._fixed_s = 0.0
 
-    def take(self, message: FeedMessage, now_s: float) -> None:
+    def receive(self, message: FeedMessage, now_s: float) -> None:
         """Take a message of a live feed. now_s: of a monotonic clock."""
         if isinstance(message, FactsView):
             epoch_ns = message.facts.get("epoch_ns", "")
@@ -44,8 +44,8 @@ class Bridge:
             self._server.begin(message.run)
         if now_s >= self._fixed_s:
             self._fixed_s = now_s + _FIXED_S
-            for one in messages.fixed_transforms():
-                self._server.send(one)
+            for fixed_transform in messages.fixed_transforms():
+                self._server.send(fixed_transform)
         if isinstance(message, RunView):
             self._server.show_time(messages.ns(message.t_s))
         for one in messages.of(message):

@@ -70,7 +70,7 @@ def _pass_on(end: socket.socket, scope: FlightScope, bridge: Bridge) -> None:
             with contextlib.suppress(MessageError, BlockingIOError):
                 message = feed_codec.decode(end.recv(_LONGEST_BYTES))
                 if scope.covers(message.run):
-                    bridge.take(message, now_s)
+                    bridge.receive(message, now_s)
         else:
             return
         if sys.stdin in ready:

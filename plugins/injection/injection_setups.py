@@ -7,7 +7,7 @@ from typing import Literal
 from wil_campaign.campaigns.checks.place_checks import judged_world
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.case_files import CaseFiles
-from wil_campaign.campaigns.setup.case_setup import FLIES, ObserverSetup, Setup, VehicleSetup
+from wil_campaign.campaigns.setup.case_setup import FLIES, Case, ObserverSetup, VehicleSetup
 from wil_campaign.foundation.files.documents import Path, Problem, closest
 from wil_campaign.plugins.injection.injection_support import unsupported_injection
 from wil_campaign.recipes.working import Side
@@ -48,10 +48,10 @@ class InjectionSetups(ObserverSetup):
         """Return True: autopilots get what is mixed."""
         return True
 
-    def problems(self, files: CaseFiles, setup: Setup, mode: Mode, /) -> Iterator[Problem]:
+    def problems(self, files: CaseFiles, case: Case, mode: Mode, /) -> Iterator[Problem]:
         """Yield the problems of one mode's injections."""
         for injection in self.injections:
-            yield from _injection(files, setup, mode, injection)
+            yield from _injection(files, case, mode, injection)
 
 
 _SENSOR_OF = {"obstacle_distance": "lidar", "distance_sensor": "rangefinder"}
@@ -60,22 +60,22 @@ _POSES = frozenset({"vision_position_estimate", "odometry"})
 
 
 def _injection(
-    files: CaseFiles, setup: Setup, mode: Mode, injection: InjectionSetup
+    files: CaseFiles, case: Case, mode: Mode, injection: InjectionSetup
 ) -> Iterator[Problem]:
     path: Path = ("inject", injection.thing)
     for name in FLIES[mode]:
         if name not in injection.to:
             continue
-        vehicle = setup.vehicles[name]
+        vehicle = case.vehicles[name]
         yield from _missing_sensors(files, path, vehicle, injection)
         for reason in unsupported_injection(vehicle.autopilot, injection.thing):
             message = f"'{name}' ({vehicle.autopilot}) would ignore it: {reason}"
             yield files.campaign.problem(path, message, key=True)
-    scene = setup.world.scene(mode, judged_world(mode))
+    scene = case.world.scene(mode, judged_world(mode))
     for index, thing in enumerate(injection.objects):
         at: Path = (*path, "objects", index) if injection.thing != "landing_target" else path
-        if thing not in setup.world.objects:
-            meant = closest(thing, setup.world.objects)
+        if thing not in case.world.objects:
+            meant = closest(thing, case.world.objects)
             yield files.campaign.problem(at, f"no object '{thing}' in the world", meant)
         elif thing not in scene:
             message = f"'{thing}' is not in {judged_world(mode)} in mode {mode}"

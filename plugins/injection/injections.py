@@ -151,7 +151,7 @@ class Injections(Observer):
         setup, self._contexts = self._setup, tuple(contexts)
         scene_poses = ScenePoses(
             setup.virtual_scene if setup.mode != "real" else setup.real_scene,
-            setup.campaign.world.frame,
+            setup.case.world.frame,
             self._events,
         )
         for context in self._contexts:
@@ -169,7 +169,7 @@ class Injections(Observer):
         """Check that injections are used. Raises UnsupportedInjectionError."""
         if not self._injectors:
             return ""
-        vehicles = {str(one.name): one for one in self._setup.vehicles}
+        vehicles = {str(vehicle.name): vehicle for vehicle in self._setup.vehicles}
         self._proofs = await prove_injection(
             self._contexts, vehicles, self._injections, unbooted=unbooted
         )
@@ -192,7 +192,7 @@ class Injections(Observer):
     def result(self) -> ExternalResult:
         """Return the counts of injected messages."""
         return ExternalResult(
-            injected=tuple(r for one in self._injectors.values() for r in one.results)
+            injected=tuple(r for injector in self._injectors.values() for r in injector.results)
         )
 
     async def _watch(self, run_state: RunState) -> None:

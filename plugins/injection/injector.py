@@ -133,7 +133,9 @@ class Injector:
         self._autopilot = autopilot
         self._scene_poses = scene_poses
         self._spread = spread
-        self._injections = tuple(one for one in injections if context.name in one.to)
+        self._injections = tuple(
+            injection for injection in injections if context.name in injection.to
+        )
         self._paced: dict[tuple[str, str], PacedMessages] = {}
 
     @property
@@ -143,25 +145,25 @@ class Injector:
 
     def perceived(self, sensor: str, reading: Reading) -> None:
         """Inject a sensor's mixed reading, if an injection uses it."""
-        for one in self._injections:
-            if one.sensor != sensor:
+        for injection in self._injections:
+            if injection.sensor != sensor:
                 continue
-            if one.thing == "obstacle_distance" and isinstance(reading, LidarScanReading):
-                self._offer(one, "", obstacle_distance(reading), reading.t_s)
-            elif one.thing == "distance_sensor" and isinstance(reading, RangefinderReading):
-                self._offer(one, "", distance_sensor(reading), reading.t_s)
+            if injection.thing == "obstacle_distance" and isinstance(reading, LidarScanReading):
+                self._offer(injection, "", obstacle_distance(reading), reading.t_s)
+            elif injection.thing == "distance_sensor" and isinstance(reading, RangefinderReading):
+                self._offer(injection, "", distance_sensor(reading), reading.t_s)
             elif isinstance(reading, PoseReading):
-                self._offer_pose(one, reading)
+                self._offer_pose(injection, reading)
 
     def pose(self, reading: PoseReading) -> None:
         """Inject a motion capture pose, if an injection uses it."""
-        for one in self._injections:
-            if one.sensor is None:
-                self._offer_pose(one, reading)
+        for injection in self._injections:
+            if injection.sensor is None:
+                self._offer_pose(injection, reading)
 
     async def run(self) -> None:
         """Inject messages about object positions until cancelled."""
-        moving = [one for one in self._injections if one.objects]
+        moving = [injection for injection in self._injections if injection.objects]
         rate_hz = max((self._plan(one).rate_hz for one in moving), default=0.0)
         loop = asyncio.get_running_loop()
         while moving:
@@ -172,16 +174,18 @@ class Injector:
     @property
     def results(self) -> tuple[InjectedResult, ...]:
         """Return the counts of injected messages."""
-        by_message: dict[str, list[PacedMessages]] = {one.thing: [] for one in self._injections}
+        by_message: dict[str, list[PacedMessages]] = {
+            injection.thing: [] for injection in self._injections
+        }
         for (thing, _), paced in self._paced.items():
             by_message[thing].append(paced)
         return tuple(
             InjectedResult(
                 vehicle=self._context.name,
                 thing=thing,
-                sent=sum(one.sent for one in paced),
-                replaced=sum(one.replaced for one in paced),
-                stale=sum(one.stale for one in paced),
+                sent=sum(paced_messages.sent for paced_messages in paced),
+                replaced=sum(paced_messages.replaced for paced_messages in paced),
+                stale=sum(paced_messages.stale for paced_messages in paced),
             )
             for thing, paced in by_message.items()
         )

@@ -56,7 +56,7 @@ def course_of(flight: LoggedFlight) -> Course | None:
     if not flown:
         return None
     start, points = max(flown, key=lambda pair: pair[1][-1].t_s - pair[1][0].t_s)
-    moved = [_from(start, one) for one in points]
+    moved = [_from(start, point) for point in points]
     begin = _end_of_takeoff(moved)
     altitude_m = max(_LOWEST_M, moved[begin].up_m)
     cruise = _thinned([*moved[begin:]])
@@ -87,14 +87,14 @@ def _in_the_air(
     track: Sequence[TrackPoint], span: tuple[float, float]
 ) -> tuple[TrackPoint, list[TrackPoint]] | None:
     """Return where the vehicle stood, and its track in the air; None where it did not fly."""
-    points = [one for one in track if span[0] <= one.t_s <= span[1]]
+    points = [track_point for track_point in track if span[0] <= track_point.t_s <= span[1]]
     if not points:
         return None
     start = points[0]
     if start.yaw_rad is None:
-        known = (one.yaw_rad for one in points if one.yaw_rad is not None)
+        known = (point.yaw_rad for point in points if point.yaw_rad is not None)
         start = start._replace(yaw_rad=next(known, None))
-    flies = [index for index, one in enumerate(points) if one.up_m - start.up_m > _FLOWN_M]
+    flies = [index for index, point in enumerate(points) if point.up_m - start.up_m > _FLOWN_M]
     if len(flies) < 2:
         return None
     return start, points[flies[0] : flies[-1] + 1]
@@ -110,8 +110,8 @@ def _from(start: TrackPoint, one: TrackPoint) -> TrackPoint:
 
 def _end_of_takeoff(points: Sequence[TrackPoint]) -> int:
     first = points[0]
-    for index, one in enumerate(points):
-        if math.hypot(one.north_m - first.north_m, one.east_m - first.east_m) > _ASIDE_M:
+    for index, point in enumerate(points):
+        if math.hypot(point.north_m - first.north_m, point.east_m - first.east_m) > _ASIDE_M:
             return index
     return max(range(len(points)), key=lambda index: points[index].up_m)
 
@@ -159,19 +159,21 @@ def _distance(one: TrackPoint, begin: TrackPoint, end: TrackPoint) -> float:
 
 
 def _waypoints(points: Sequence[TrackPoint]) -> Iterator[Waypoint]:
-    for before, one in pairwise(points):
-        length_m = math.dist(before[1:4], one[1:4])
-        took_s = max(1e-3, one.t_s - before.t_s)
+    for before, track_point in pairwise(points):
+        length_m = math.dist(before[1:4], track_point[1:4])
+        took_s = max(1e-3, track_point.t_s - before.t_s)
         speed_m_s = min(_FASTEST_M_S, max(_SLOWEST_M_S, length_m / took_s))
-        up_m = max(_LOWEST_M, one.up_m)
-        yield Waypoint(*(round(x, 2) for x in (one.north_m, one.east_m, up_m, speed_m_s)))
+        up_m = max(_LOWEST_M, track_point.up_m)
+        yield Waypoint(
+            *(round(x, 2) for x in (track_point.north_m, track_point.east_m, up_m, speed_m_s))
+        )
 
 
 def _box(points: Sequence[TrackPoint]) -> tuple[tuple[float, float], ...]:
     """Return north, east and up of a box around a course; the start is inside."""
-    norths = [0.0, *(one.north_m for one in points)]
-    easts = [0.0, *(one.east_m for one in points)]
-    top_m = max(one.up_m for one in points)
+    norths = [0.0, *(point.north_m for point in points)]
+    easts = [0.0, *(point.east_m for point in points)]
+    top_m = max(point.up_m for point in points)
     return (
         (math.floor(min(norths) - _AROUND_M), math.ceil(max(norths) + _AROUND_M)),
         (math.floor(min(easts) - _AROUND_M), math.ceil(max(easts) + _AROUND_M)),

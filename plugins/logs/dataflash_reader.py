@@ -38,7 +38,7 @@ def read_dataflash(path: Path) -> LoggedFlight:
             log = DFReader.DFReader_binary(str(path))
             try:
                 while (message := log.recv_match(type=list(_TAKEN))) is not None:
-                    vehicle.take(message)
+                    vehicle.receive(message)
             finally:
                 log.filehandle.close()
     except Exception as error:  # DFReader raises whatever a damaged file causes
@@ -59,7 +59,7 @@ class _Vehicle:
         self._power: list[PowerSample] = []
         self.is_any = False
 
-    def take(self, message: Any) -> None:
+    def receive(self, message: Any) -> None:
         self.is_any = True
         stamp = getattr(message, "TimeUS", None)
         t_s = float(message._timestamp) if stamp is None else float(stamp) * 1e-6  # noqa: SLF001 - its only access

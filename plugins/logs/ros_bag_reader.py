@@ -72,14 +72,14 @@ def _no_pose(path: Path, summary: Any) -> str:
     return f"{path} has no topic of {', '.join(_ORDER)}; {has}"
 
 
-def _take_px4(track: TrackBuilder, t_s: float, ros: Any) -> None:
+def _receive_px4(track: TrackBuilder, t_s: float, ros: Any) -> None:
     track.local(t_s, ros.x, ros.y, ros.z)
     track.yaw(t_s, ros.heading)
     if ros.xy_global and ros.z_global:
         track.set_origin(ros.ref_lat, ros.ref_lon, ros.ref_alt)
 
 
-def _take_pose(track: TrackBuilder, t_s: float, pose: Any) -> None:
+def _receive_pose(track: TrackBuilder, t_s: float, pose: Any) -> None:
     """Take a pose in ROS's frames: east, north, up; yaw counterclockwise from east."""
     place, q = pose.position, pose.orientation
     track.local(t_s, place.y, place.x, -place.z)
@@ -87,14 +87,14 @@ def _take_pose(track: TrackBuilder, t_s: float, pose: Any) -> None:
     track.yaw(t_s, math.pi / 2.0 - yaw)
 
 
-def _take_fix(track: TrackBuilder, t_s: float, ros: Any) -> None:
+def _receive_fix(track: TrackBuilder, t_s: float, ros: Any) -> None:
     track.place(t_s, ros.latitude, ros.longitude, ros.altitude)
 
 
 _TAKERS: Mapping[str, Callable[[TrackBuilder, float, Any], None]] = {
-    _PX4: _take_px4,
-    _ODOMETRY: lambda track, t_s, ros: _take_pose(track, t_s, ros.pose.pose),
-    _POSE_COV: lambda track, t_s, ros: _take_pose(track, t_s, ros.pose.pose),
-    _POSE: lambda track, t_s, ros: _take_pose(track, t_s, ros.pose),
-    _FIX: _take_fix,
+    _PX4: _receive_px4,
+    _ODOMETRY: lambda track, t_s, ros: _receive_pose(track, t_s, ros.pose.pose),
+    _POSE_COV: lambda track, t_s, ros: _receive_pose(track, t_s, ros.pose.pose),
+    _POSE: lambda track, t_s, ros: _receive_pose(track, t_s, ros.pose),
+    _FIX: _receive_fix,
 }

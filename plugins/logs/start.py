@@ -38,7 +38,7 @@ def battery_of(flight: LoggedFlight, course: Course | None) -> Battery | None:
     found: dict[str, float] = {}
     cells = _first(flight, _CELLS)
     if not cells and flight.power:
-        cells = float(round(max(one.voltage_v for one in flight.power) / 4.1))
+        cells = float(round(max(power_sample.voltage_v for power_sample in flight.power) / 4.1))
     if cells:
         found["full_v"] = round(cells * _FULL_V, 2)
         found["empty_v"] = round(cells * _EMPTY_V, 2)
@@ -48,9 +48,9 @@ def battery_of(flight: LoggedFlight, course: Course | None) -> Battery | None:
     if course is not None:
         end_s = course.start.t_s + course.duration_s
         amperes = [
-            one.current_a
-            for one in flight.power
-            if one.current_a is not None and course.start.t_s <= one.t_s <= end_s
+            power_sample.current_a
+            for power_sample in flight.power
+            if power_sample.current_a is not None and course.start.t_s <= power_sample.t_s <= end_s
         ]
         if len(amperes) >= _LEAST_SAMPLES and median(amperes) > 0.5:
             found["hover_current_a"] = round(median(amperes), 2)
@@ -190,8 +190,8 @@ def _goal(course: Course | None) -> Iterator[str]:
         yield f"      - [{_AHEAD_M:g}, 0, {_UP_M:g}, 0.5]        # unknown: it flies ahead"
         yield f"goal: {{altitude_m: {_UP_M:g}, position: {_position(_AHEAD_M, 0, _UP_M)}}}"
         return
-    for one in course.waypoints:
-        yield f"      - [{one.north_m:g}, {one.east_m:g}, {one.up_m:g}, {one.speed_m_s:g}]"
+    for point in course.waypoints:
+        yield f"      - [{point.north_m:g}, {point.east_m:g}, {point.up_m:g}, {point.speed_m_s:g}]"
     last = course.waypoints[-1]
     position = _position(last.north_m, last.east_m, last.up_m)
     yield f"goal: {{altitude_m: {course.altitude_m:g}, position: {position}}}"

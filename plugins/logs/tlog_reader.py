@@ -44,7 +44,7 @@ def read_tlog(path: Path) -> LoggedFlight:
     vehicle = _Vehicle(system)
     for t_s, message in messages:
         if message.get_srcSystem() == system:
-            vehicle.take(t_s, message)
+            vehicle.receive(t_s, message)
     damaged = f"{skipped.bytes} bytes are damaged, and were skipped"
     return vehicle.flight((damaged,) if skipped.bytes else ())
 
@@ -106,7 +106,7 @@ class _Vehicle:
         self._armed: list[tuple[float, bool]] = []
         self._power: list[PowerSample] = []
 
-    def take(self, t_s: float, message: Any) -> None:
+    def receive(self, t_s: float, message: Any) -> None:
         _TAKEN[message.get_msgId()](self, t_s, message)
 
     def heartbeat(self, t_s: float, message: Any) -> None:

@@ -77,8 +77,10 @@ class TrackBuilder:
             return []
         frame = _frame(self._places[0][1])
         found = []
-        for t_s, one in self._places:
-            north, east, down = frame.to_ned(one.latitude_deg, one.longitude_deg, one.altitude_m)
+        for t_s, geodetic in self._places:
+            north, east, down = frame.to_ned(
+                geodetic.latitude_deg, geodetic.longitude_deg, geodetic.altitude_m
+            )
             if hypot(north, east) < _MOST_M:
                 found.append((t_s, north, east, -down))
         return found

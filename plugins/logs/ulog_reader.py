@@ -34,7 +34,7 @@ def read_ulog(path: Path) -> LoggedFlight:
         raise LogError(f"{path} cannot be read as a log of PX4 (.ulg): {error}") from error
     track = TrackBuilder()
     for row in _rows(log, "vehicle_local_position", _POSITION):
-        _take_position(track, row)
+        _receive_position(track, row)
     parameters = {name: float(value) for name, value in log.initial_parameters.items()}
     for _t_us, name, value in log.changed_parameters:
         parameters[str(name)] = float(value)
@@ -64,7 +64,7 @@ def _rows(log: Any, topic: str, names: Collection[str]) -> Iterator[dict[str, fl
                 yield {**row, "t_s": row["timestamp"] * 1e-6}
 
 
-def _take_position(track: TrackBuilder, row: dict[str, float]) -> None:
+def _receive_position(track: TrackBuilder, row: dict[str, float]) -> None:
     if row.get("xy_valid", 1.0) and row.get("z_valid", 1.0):
         track.local(row["t_s"], row["x"], row["y"], row["z"])
     yaw = row.get("heading", row.get("yaw", math.nan))

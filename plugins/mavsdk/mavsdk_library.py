@@ -91,13 +91,13 @@ class MavsdkLibrary:
         while True:
             for system in self._mavsdk.get_systems():
                 if system.get_system_id() == order.system_id and system.has_autopilot():
-                    self._take(system)
+                    self._receive(system)
                     return
             if time.monotonic() > end_s:
                 raise LibraryError("TIMEOUT")
             time.sleep(_POLL_S)
 
-    def _take(self, system: System) -> None:
+    def _receive(self, system: System) -> None:
         self._direct = MavlinkDirect(system)
         self._missions = MissionRaw(system)
         self._logs = LogFiles(system)
@@ -167,7 +167,7 @@ class MavsdkLibrary:
             if error.result is LogFilesResult.NO_LOGFILES:
                 return ()
             raise
-        return tuple(LogEntry(one.id, one.size_bytes, _utc_s(one.date)) for one in entries)
+        return tuple(LogEntry(entry.id, entry.size_bytes, _utc_s(entry.date)) for entry in entries)
 
     def _fetch(self, order: FetchLog, progress: Progress) -> None:
         ended = threading.Event()

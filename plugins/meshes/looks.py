@@ -112,7 +112,7 @@ class Painter:
         if look.picture is None or image is None:
             index, colors = _few(rgb, len(part.faces))
             uv = np.zeros((len(part.vertices), 2))
-            return uv, index, tuple(Material(_rgb(one)) for one in colors)
+            return uv, index, tuple(Material(_rgb(color)) for color in colors)
         uv, is_mirrored = _placed(part, look.picture)
         material = Material(_only(look, rgb), self._texture(look.picture, image, is_mirrored))
         return uv, np.zeros(len(part.faces), np.int32), (material,)

@@ -179,9 +179,9 @@ def _collada_graph(root: ET.Element) -> Graph:
     for number, node in enumerate(root.iterfind(".//{*}node")):
         node.set("wil", str(number))
     for node in root.iterfind(".//{*}node"):
-        own = sum(faces.get(_ref(one), 0) for one in node.iterfind("{*}instance_geometry"))
-        inner = [f"#{one.get('wil')}" for one in node.iterfind("{*}node")]
-        beneath = [*inner, *(_ref(one) for one in node.iterfind("{*}instance_node"))]
+        own = sum(faces.get(_ref(element), 0) for element in node.iterfind("{*}instance_geometry"))
+        inner = [f"#{element.get('wil')}" for element in node.iterfind("{*}node")]
+        beneath = [*inner, *(_ref(element) for element in node.iterfind("{*}instance_node"))]
         for name in (f"#{node.get('wil')}", node.get("id", "")):
             graph[name] = (own, tuple(beneath))
     scenes = root.iterfind(".//{*}visual_scene")

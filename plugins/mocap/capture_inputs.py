@@ -38,7 +38,7 @@ def zmq_capture(setups: Mapping[Source, MocapSetup], deliver: Deliver) -> "ZmqCa
 def _capture(setups: Mapping[Source, MocapSetup]) -> MotionCapture:
     """Return what reads the messages of some vehicles' bodies."""
     return MotionCapture(
-        bodies={one.body: vehicle for vehicle, one in setups.items()},
+        bodies={setup.body: vehicle for vehicle, setup in setups.items()},
         latency_s=next(iter(setups.values())).latency_s,
     )
 
@@ -105,7 +105,7 @@ class UdpCapture(asyncio.DatagramProtocol):
             self._note_other(addr)
             return
         garbage = self.capture.garbage
-        for reading in self.capture.take(data, self._loop.time()):
+        for reading in self.capture.receive(data, self._loop.time()):
             self._deliver(reading)
         if self._sender is None and self.capture.garbage == garbage:
             self._sender = addr
@@ -175,5 +175,5 @@ class ZmqCapture:
         # The descriptor is edge-triggered: all messages that have arrived must be read at once.
         while self._socket.poll(0, zmq.POLLIN):
             parts = self._socket.recv_multipart(zmq.NOBLOCK)
-            for reading in self.capture.take(parts[-1], self._loop.time()):
+            for reading in self.capture.receive(parts[-1], self._loop.time()):
                 self._deliver(reading)

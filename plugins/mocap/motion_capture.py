@@ -86,7 +86,7 @@ class MotionCapture:
         self.garbage = 0
         self.complaint = ""
 
-    def take(self, data: bytes | memoryview, arrived_s: float) -> list[PoseReading]:
+    def receive(self, data: bytes | memoryview, arrived_s: float) -> list[PoseReading]:
         """Return the readings in a motion capture message that arrived at a run-clock time."""
         try:
             frame = decode_frame(data)
@@ -94,9 +94,9 @@ class MotionCapture:
             self.garbage += 1
             self.complaint = str(error)
             return []
-        return self.take_frame(frame, arrived_s)
+        return self.receive_frame(frame, arrived_s)
 
-    def take_frame(self, frame: CaptureFrame, arrived_s: float) -> list[PoseReading]:
+    def receive_frame(self, frame: CaptureFrame, arrived_s: float) -> list[PoseReading]:
         """Return the readings in a motion capture frame that arrived at a time."""
         if not self._in_order(frame):
             return []

@@ -169,9 +169,9 @@ class MqttOperator:
         except (*FAULTS, BaseExceptionGroup) as error:
             if asked_to_end(error):
                 raise
-            bugs = [one for one in leaves(error) if not isinstance(one, _CONNECTION_ERRORS)]
-            for one in bugs if self._first.done() else ():
-                report(one, "mqtt")
+            bugs = [leave for leave in leaves(error) if not isinstance(leave, _CONNECTION_ERRORS)]
+            for base_exception in bugs if self._first.done() else ():
+                report(base_exception, "mqtt")
             return _error_text(error)
         return "the connection ended"
 

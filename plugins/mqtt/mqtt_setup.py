@@ -104,13 +104,11 @@ class MqttPart(ChannelPart):
             raise KeyFaultError("key_file", "needs the cert_file that it belongs to")
         return self
 
-    def setup(
-        self, campaign: Document, operator: OperatorPart, problems: list[Problem]
-    ) -> MqttSetup:
+    def setup(self, file: Document, operator: OperatorPart, problems: list[Problem]) -> MqttSetup:
         """Return the setup of the operators' broker; missing files are noted."""
         broker = parse_broker(self.broker)
         files = {
-            key: _file(campaign, key, getattr(self, key), problems)
+            key: _file(file, key, getattr(self, key), problems)
             for key in ("ca_file", "cert_file", "key_file")
         }
         return MqttSetup(
@@ -136,12 +134,12 @@ class MqttPart(ChannelPart):
         }
 
 
-def _file(campaign: Document, key: str, name: str | None, problems: list[Problem]) -> Path | None:
+def _file(file: Document, key: str, name: str | None, problems: list[Problem]) -> Path | None:
     """Return the path of an operator's TLS or secret file; None, and a problem, if missing."""
     if name is None:
         return None
-    path = (campaign.path.parent / name).resolve()
+    path = (file.path.parent / name).resolve()
     if not is_file(path):
         message = f"there is no file '{name}' beside the campaign"
-        problems.append(campaign.problem(("operator", "mqtt", key), message))
+        problems.append(file.problem(("operator", "mqtt", key), message))
     return path

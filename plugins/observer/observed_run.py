@@ -95,7 +95,7 @@ class ObservedRun:
                 yield pose.position_ned_m
 
     def _within_rooms(self, place: np.ndarray) -> np.ndarray:
-        for room in (one for one in self.scene.objects if one.is_room):
+        for room in (scene_object for scene_object in self.scene.objects if scene_object.is_room):
             n, e, d = (float(one) for one in place)
             corners = room.shape.mesh.vertices_m
             local = np.array(room.pose.to_local((n, e, d)))
@@ -125,12 +125,16 @@ def read_observed_run(folder: Path) -> ObservedRun:
     if world is None:
         raise ResultsFolderError(f"{folder / RECORDING} has no world of a flight")
     there, virtual = world.scene(mode, "W"), world.scene(mode, "Wv")
-    objects = {one.name: one for one in (*virtual.objects, *there.objects)}
+    objects = {
+        scene_object.name: scene_object for scene_object in (*virtual.objects, *there.objects)
+    }
     history, vehicles, bodies = _with_vehicles(motion.world_events, motion.poses, campaign, objects)
     scene = Scene((*sorted(objects.values(), key=lambda one: one.object_id), *bodies))
     solid = frozenset(scene.names)
     if mode == "wil":
-        solid = frozenset({*there.names, *(vehicles[one] for one in vehicles if one != "twin")})
+        solid = frozenset(
+            {*there.names, *(vehicles[vehicle] for vehicle in vehicles if vehicle != "twin")}
+        )
     times = [t_s for poses in motion.poses.values() for t_s, _ in (poses[0], poses[-1])]
     return ObservedRun(
         observer=observer_in(campaign),
@@ -158,7 +162,7 @@ def _with_vehicles(
     history.update(events)
     vehicles: dict[str, str] = {}
     bodies: list[SceneObject] = []
-    last_id = max((one.object_id for one in objects.values()), default=0)
+    last_id = max((scene_object.object_id for scene_object in objects.values()), default=0)
     for number, name in enumerate(sorted(poses, key=lambda one: one != "real"), start=1):
         shown = f"vehicle {name}"
         if last_id + number > MAX_OBJECTS:
@@ -185,7 +189,11 @@ class ObserverCamera:
         self._run = run
         self._observer = observer
         self._renderer = Renderer(run.scene)
-        ghosts = [one.object_id for one in run.scene.objects if one.name not in run.solid]
+        ghosts = [
+            scene_object.object_id
+            for scene_object in run.scene.objects
+            if scene_object.name not in run.solid
+        ]
         self._is_ghost = np.isin(np.arange(256), ghosts)
 
     def draw(self, t_s: float, *, marked: bool = True) -> BgrImage:

@@ -87,7 +87,7 @@ def replay(
     _refuse_folder_of_run(folder, run)
     folder.mkdir(parents=True, exist_ok=True)
     with _ReplayVideo(folder / "mixed.mp4") as video:
-        report = replay_recording(run, other, trusted=trust, on_mixture=video.take)
+        report = replay_recording(run, other, trusted=trust, on_mixture=video.receive)
     _write_worst(report, folder)
     return report
 
@@ -128,22 +128,22 @@ class _ReplayVideo(VideoOut):
         super().__init__(path, rate_hz=_VIDEO_HZ)
         self._name: str | None = None
 
-    def take(self, name: str, pair: MixedPair) -> None:
+    def receive(self, name: str, pair: MixedPair) -> None:
         """Append a replayed image to the video, unless it is of another combination."""
         if isinstance(pair.mixed.reading, CameraReading):
             self._name = self._name or name
             if name == self._name:
-                super().take(name, pair)
+                super().receive(name, pair)
 
 
 def _write_worst(report: ReplayReport, folder: Path) -> None:
     """Write the images of replay's worst divergences."""
-    for one in report.combinations:
-        if one.worst is None:
+    for combination in report.combinations:
+        if combination.worst is None:
             continue
-        _, recorded, again = one.worst
+        _, recorded, again = combination.worst
         if isinstance(recorded, CameraReading) and isinstance(again, CameraReading):
-            write_image(folder / f"worst-{one.name}.png", _side_by_side(recorded, again))
+            write_image(folder / f"worst-{combination.name}.png", _side_by_side(recorded, again))
 
 
 def _side_by_side(recorded: CameraReading, again: CameraReading) -> BgrImage:

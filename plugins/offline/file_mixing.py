@@ -157,7 +157,7 @@ def _mix_pairs(name: str, mixer: Mixer, inputs: "_Inputs", output: Output) -> Co
         provenance = pair.mixed.provenance
         if provenance.dropped is not None:
             reasons.setdefault(provenance.dropped, provenance.detail)
-        output.take(name, pair)
+        output.receive(name, pair)
     counts = mixer.counts()
     lacking = [f"{file}: {what}" for file, what in inputs.lacking.items()]
     refused = twins.faults[:1] if isinstance(twins, StreamedTwins) else []

@@ -29,7 +29,7 @@ class Output(Protocol):
     def __enter__(self) -> Self:
         """Open the output of mixtures. Raises OfflineError, OSError."""
 
-    def take(self, name: str, pair: MixedPair) -> None:
+    def receive(self, name: str, pair: MixedPair) -> None:
         """Write a combination's mixture to the output. Raises OfflineError, OSError."""
 
     def __exit__(
@@ -89,7 +89,7 @@ class ImageOut:
     def __exit__(self, *_: object) -> None:
         """Do nothing: the image is written at once."""
 
-    def take(self, name: str, pair: MixedPair) -> None:
+    def receive(self, name: str, pair: MixedPair) -> None:
         """Write the first complete mixture as the image."""
         del name
         reading = pair.mixed.reading
@@ -132,7 +132,7 @@ class VideoOut(_Stacked):
             self._stack = stack.pop_all()
         return self
 
-    def take(self, name: str, pair: MixedPair) -> None:
+    def receive(self, name: str, pair: MixedPair) -> None:
         """Append a mixture's image to the video."""
         del name
         if isinstance(pair.mixed.reading, CameraReading):
@@ -158,7 +158,7 @@ class RecordingOut(_Stacked):
             self._stack = stack.pop_all()
         return self
 
-    def take(self, name: str, pair: MixedPair) -> None:
+    def receive(self, name: str, pair: MixedPair) -> None:
         """Append a mixture to the MCAP output."""
         provenance = pair.mixed.provenance
         now_s = pair.real.arrived_s if provenance.mixed_s is None else provenance.mixed_s
@@ -180,7 +180,7 @@ class RecordingOut(_Stacked):
 def _why_incomplete(report: RecordingReport) -> str:
     if report.fault is not None:
         return report.fault
-    lost = ", ".join(f"{one.lost} of {one.offered} of {one.topic}" for one in report.losses)
+    lost = ", ".join(f"{loss.lost} of {loss.offered} of {loss.topic}" for loss in report.losses)
     errors = [f"{type(error).__name__}: {error}" for error in report.errors[:1]]
     return ": ".join([f"{lost} are missing", *errors])
 

@@ -69,12 +69,14 @@ class ReplayReport:
     @property
     def compared(self) -> int:
         """Return how many mixtures of the recording were compared with replayed ones."""
-        return sum(one.compared for one in self.combinations)
+        return sum(combination.compared for combination in self.combinations)
 
     @property
     def diverges(self) -> bool:
         """Return whether the replay differs from the recording anywhere."""
-        return bool(self.without) or any(one.divergences for one in self.combinations)
+        return bool(self.without) or any(
+            combination.divergences for combination in self.combinations
+        )
 
 
 OnMixture = Callable[[str, MixedPair], None]

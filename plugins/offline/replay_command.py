@@ -61,7 +61,7 @@ def replay_run(
 
 def _as_text(report: ReplayReport) -> str:
     """Return the replay's report as text."""
-    lines = [line for one in report.combinations for line in _lines(one)]
+    lines = [line for combination in report.combinations for line in _lines(combination)]
     lines += [f"{name}: recorded, but not made by the recipe" for name in report.without]
     if report.lacks:
         lines.append(report.lacks)
@@ -95,18 +95,18 @@ def _as_json(report: ReplayReport) -> str:
         "without": list(report.without),
         "combinations": [
             {
-                "name": one.name,
-                "frames": one.frames,
-                "mixed": one.mixed,
-                "dropped": dict(one.dropped),
-                "compared": one.compared,
-                "exact": one.exact,
+                "name": combination.name,
+                "frames": combination.frames,
+                "mixed": combination.mixed,
+                "dropped": dict(combination.dropped),
+                "compared": combination.compared,
+                "exact": combination.exact,
                 "divergences": [
                     {"frame": found.frame, "t_s": found.t_s, "what": found.difference.what}
-                    for found in one.divergences
+                    for found in combination.divergences
                 ],
             }
-            for one in report.combinations
+            for combination in report.combinations
         ],
     }
     return json.dumps(document, indent=2, ensure_ascii=False)

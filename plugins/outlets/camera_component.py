@@ -74,7 +74,7 @@ class CameraComponent:
         self._heartbeat_due_s = (t_s if is_late else self._heartbeat_due_s) + HEARTBEAT_PERIOD_S
         return [_heartbeat()]
 
-    def take(self, message: Any, t_s: float) -> list[Any]:
+    def receive(self, message: Any, t_s: float) -> list[Any]:
         """Return the camera component's replies to a message; none for other targets."""
         if message.get_type() not in {"COMMAND_LONG", "COMMAND_INT"}:
             return []

@@ -117,7 +117,7 @@ def ground_station_field() -> tuple[Any, Any]:
 
 
 def delivery_setups(
-    given: list[DeliverPart], campaign: Document, part: CampaignPart, problems: list[Problem]
+    given: list[DeliverPart], file: Document, part: CampaignPart, problems: list[Problem]
 ) -> DeliverySetups | None:
     """Return the deliveries of a case; None without any.
 
@@ -132,12 +132,12 @@ def delivery_setups(
         }
     )
     outlets = []
-    for index, one in enumerate(given):
-        if one.sensor is None and len(cameras) != 1:
+    for index, deliver in enumerate(given):
+        if deliver.sensor is None and len(cameras) != 1:
             there = ", ".join(cameras) or "none"
             message = f"name the camera by `sensor` (there are: {there})"
-            problems.append(campaign.problem(("deliver", index), message))
-        outlets.append(one.outlet(cameras[0] if cameras else ""))
+            problems.append(file.problem(("deliver", index), message))
+        outlets.append(deliver.outlet(cameras[0] if cameras else ""))
     return DeliverySetups(tuple(outlets)) if outlets else None
 
 

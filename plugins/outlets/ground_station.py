@@ -105,7 +105,7 @@ class GroundStation:
     def _on_frame(self, data: bytes, t_s: float) -> None:
         for message in self._reader.parse(data):
             for camera in self._cameras:
-                self._send(camera, camera.take(message, t_s))
+                self._send(camera, camera.receive(message, t_s))
 
     def _send(self, camera: CameraComponent, messages: list[Any]) -> None:
         codec = self._codecs[camera.component_id]
@@ -133,7 +133,11 @@ class GroundStationLink(Observer):
 
     def contact(self, flag: Flag) -> None:
         """Send a contact to the ground station."""
-        ids = (one.object_id for one in self._objects if one.name in flag.text)
+        ids = (
+            scene_object.object_id
+            for scene_object in self._objects
+            if scene_object.name in flag.text
+        )
         self._station.contact(f"{flag.vehicle} {flag.text}", object_id=next(ids, 0))
 
 
@@ -146,16 +150,16 @@ def observe(
 
 def _cameras(setup: RunSetup, system_id: int) -> Iterator[CameraComponent]:
     """Yield the camera component of each RTP stream of the subject's cameras."""
-    deliveries = setup.campaign.observers.get("deliver")
+    deliveries = setup.case.observers.get("deliver")
     outlets = deliveries.outlets if isinstance(deliveries, DeliverySetups) else ()
     cameras = setup.vehicle(setup.subject).cameras
-    for number, one in enumerate(outlet for outlet in outlets if outlet.kind == "rtp"):
+    for number, image_outlet in enumerate(outlet for outlet in outlets if outlet.kind == "rtp"):
         for camera in cameras:
-            if camera.name == one.sensor:
-                port = int(one.address.rpartition(":")[2])
+            if camera.name == image_outlet.sensor:
+                port = int(image_outlet.address.rpartition(":")[2])
                 yield CameraComponent(
                     system_id=system_id,
                     intrinsics=camera.intrinsics,
-                    stream=VideoStream(port=port, rate_hz=camera.rate_hz, name=one.topic),
+                    stream=VideoStream(port=port, rate_hz=camera.rate_hz, name=image_outlet.topic),
                     component_id=_FIRST_CAMERA + number,
                 )

@@ -61,21 +61,21 @@ class Outlets(Observer):
         """Return WIL_ZMQ: a list in JSON of the ZeroMQ outlets, and where each is subscribed to."""
         published = [
             {
-                "sensor": one.sensor,
-                "of": "perceived" if one.perceived else one.vehicle,
-                "vehicle": one.vehicle,
-                "address": one.delivery.endpoint,
-                "topic": one.delivery.topic,
+                "sensor": outlet.sensor,
+                "of": "perceived" if outlet.perceived else outlet.vehicle,
+                "vehicle": outlet.vehicle,
+                "address": outlet.delivery.endpoint,
+                "topic": outlet.delivery.topic,
             }
-            for one in self._outlets
-            if isinstance(one.delivery, ZmqDelivery)
+            for outlet in self._outlets
+            if isinstance(outlet.delivery, ZmqDelivery)
         ]
         return {"WIL_ZMQ": json.dumps(published)} if published else {}
 
     @property
     def result(self) -> ExternalResult:
         """Return the results of the image outlets."""
-        return ExternalResult(outlets=tuple(_result(one.delivery) for one in self._outlets))
+        return ExternalResult(outlets=tuple(_result(outlet.delivery) for outlet in self._outlets))
 
 
 def observe(setup: RunSetup, given: DeliverySetups, _events: Mapping[str, float]) -> Outlets:
@@ -95,7 +95,7 @@ def _outlets(setup: RunSetup, given: DeliverySetups) -> Iterator[Outlet]:
             continue
         cameras = {camera.name: camera for camera in there[name].cameras}
         if perceived:
-            shown = perceived_cameras(setup.campaign, setup.mode, name)
+            shown = perceived_cameras(setup.case, setup.mode, name)
             cameras |= {camera.name: camera for camera in shown}
         camera = cameras[outlet.sensor]
         sdp = setup.order.folder / f"{outlet.sensor}-{outlet.of}.sdp"

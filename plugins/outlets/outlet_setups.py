@@ -6,7 +6,7 @@ from typing import Literal
 
 from wil_campaign.campaigns.schema import Mode, VehicleName
 from wil_campaign.campaigns.setup.case_files import CaseFiles
-from wil_campaign.campaigns.setup.case_setup import FLIES, ObserverSetup, Setup
+from wil_campaign.campaigns.setup.case_setup import FLIES, Case, ObserverSetup
 from wil_campaign.foundation.files.documents import Path, Problem, closest
 from wil_campaign.recipes.working import Side
 
@@ -41,11 +41,11 @@ class DeliverySetups(ObserverSetup):
 
     outlets: tuple[ImageOutlet, ...]
 
-    def problems(self, files: CaseFiles, setup: Setup, mode: Mode, /) -> Iterator[Problem]:
+    def problems(self, files: CaseFiles, case: Case, mode: Mode, /) -> Iterator[Problem]:
         """Yield the problems of one mode's image outlets."""
         seen: dict[str, int] = {}
         for index, outlet in enumerate(self.outlets):
-            yield from _outlet(files, setup, mode, index, outlet)
+            yield from _outlet(files, case, mode, index, outlet)
             if outlet.address.endswith(":*"):
                 continue  # a free port each
             first = seen.setdefault(outlet.name, index)
@@ -71,15 +71,15 @@ class GroundStationSetup(ObserverSetup):
 
 
 def _outlet(
-    files: CaseFiles, setup: Setup, mode: Mode, index: int, outlet: ImageOutlet
+    files: CaseFiles, case: Case, mode: Mode, index: int, outlet: ImageOutlet
 ) -> Iterator[Problem]:
     """Yield the problems of an external image outlet (`deliver`) in a mode."""
     path: Path = ("deliver", index)
     wanted = _vehicle_of(outlet, mode)
     if wanted not in FLIES[mode]:
         return  # this vehicle is not part of this mode
-    cameras = [camera.name for camera in setup.vehicles[wanted].cameras]
-    sensors = [sensor.name for sensor in setup.vehicles[wanted].sensors]
+    cameras = [camera.name for camera in case.vehicles[wanted].cameras]
+    sensors = [sensor.name for sensor in case.vehicles[wanted].sensors]
     if outlet.sensor in cameras or (outlet.kind == "zmq" and outlet.sensor in sensors):
         return
     if outlet.sensor in sensors:

@@ -37,18 +37,18 @@ class ProgramAutonomy(ForeignAutonomy):
         """Return the program in messages."""
         return f"the program {self.command[0]}"
 
-    def problems(self, campaign: Document, folder: Path) -> list[Problem]:
+    def problems(self, file: Document, folder: Path) -> list[Problem]:
         """Return the problem of a program that is missing or not executable."""
         program = self.command[0]
         found = folder / program if "/" in program else shutil.which(program)
         path = ("autonomy", "program", 0)
         if found is None:
-            return [campaign.problem(path, f"there is no program '{program}' in PATH")]
+            return [file.problem(path, f"there is no program '{program}' in PATH")]
         if not is_file(Path(found)):
-            return [campaign.problem(path, f"there is no file '{program}' beside the campaign")]
+            return [file.problem(path, f"there is no file '{program}' beside the campaign")]
         if not os.access(found, os.X_OK):
             remedy = "chmod +x it, or name its interpreter before it"
-            return [campaign.problem(path, f"'{program}' is not executable: {remedy}")]
+            return [file.problem(path, f"'{program}' is not executable: {remedy}")]
         return []
 
 

@@ -237,8 +237,8 @@ def program_runner(
     setup: RunSetup, pair: Pair, context: VehicleContext, run_state: RunState
 ) -> ProgramRunner:
     """Return the runner of a run's program on one vehicle."""
-    under_test, vehicle = setup.campaign.under_test, setup.vehicle(context.name)
-    cameras = perceived_cameras(setup.campaign, setup.mode, vehicle.name)
+    under_test, vehicle = setup.case.under_test, setup.vehicle(context.name)
+    cameras = perceived_cameras(setup.case, setup.mode, vehicle.name)
     return ProgramRunner(
         under_test=under_test,
         program=cast("ProgramAutonomy", under_test.foreign),

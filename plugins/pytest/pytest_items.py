@@ -179,7 +179,9 @@ def _accepted_cells(campaign: Campaign, results: CampaignResults) -> frozenset[s
     """Return the cases and modes whose share of passes is met, also with a FAIL among them."""
     standings = standings_of(results.runs, campaign.requirements)
     return frozenset(
-        f"{one.requirement.case}/{one.requirement.mode}" for one in standings if one.met
+        f"{standing.requirement.case}/{standing.requirement.mode}"
+        for standing in standings
+        if standing.met
     )
 
 

@@ -115,7 +115,7 @@ def _lidar(message: Any, when: Sampled) -> LidarScanReading:
 
 
 def _points(message: Any, when: Sampled) -> LidarPointsReading:
-    fields = {one.name: one for one in message.fields}
+    fields = {field.name: field for field in message.fields}
     order = ">" if message.is_bigendian else "<"
     names = ("x", "y", "z")
     kind = np.dtype(

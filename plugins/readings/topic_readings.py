@@ -74,7 +74,7 @@ class TopicDecoders:
         self._last_s: dict[int, _Timed] = {}
         self._shift_s: dict[int, float] = {}
 
-    def take(self, record: Schema | Channel) -> None:
+    def receive(self, record: Schema | Channel) -> None:
         """Store a schema or a channel of the MCAP file."""
         if isinstance(record, Channel):
             self._channels[record.id] = record
@@ -275,7 +275,7 @@ class TopicReadings:
         decoders = TopicDecoders(mount=self._mount, camera=self._camera)
         for record in RecordStream(self._path):
             if isinstance(record, Schema | Channel):
-                decoders.take(record)
+                decoders.receive(record)
             elif isinstance(record, Message):
                 yield decoders, record
 

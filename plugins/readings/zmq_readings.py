@@ -102,11 +102,11 @@ class ZmqReadings(LiveReadings):
         while self._socket.poll(0, zmq.POLLIN):
             parts = self._socket.recv_multipart(zmq.NOBLOCK)
             try:
-                self.take(parts[-1], self._loop.time())
+                self.receive(parts[-1], self._loop.time())
             except BadMessageError as error:
                 self.refuse(str(error))
 
-    def take(self, data: bytes, arrived_s: float) -> None:
+    def receive(self, data: bytes, arrived_s: float) -> None:
         """Take a message that arrived at a time of the run clock. Raises BadMessageError."""
         header = read_header(data)
         envelope = read_envelope(header)

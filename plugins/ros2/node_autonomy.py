@@ -98,7 +98,7 @@ class NodeAutonomy:
     ) -> None:
         self._topics, self._inbox, self._types, self._node = topics, inbox, types, node
         self._make = RosMessages(types)
-        self._gimbals = tuple(one for one in sensors if is_stabilized(one))
+        self._gimbals = tuple(sensor for sensor in sensors if is_stabilized(sensor))
         self._mounts = sensor_transforms(sensors)
         self._epoch_ns = round(epoch_s * _NS)
         self._rules = rules
@@ -157,7 +157,7 @@ class NodeAutonomy:
         self._read_words()
         self._answer_px4(telemetry.t_s)
         self._watch_needs(telemetry.t_s)
-        self._take_setpoint(telemetry)
+        self._receive_setpoint(telemetry)
         return Command(self._setpoint, self._is_done, self._note)
 
     def ended(self) -> Command | None:
@@ -280,7 +280,7 @@ class NodeAutonomy:
     def _moving(self, pose: Pose) -> tuple[Transform, ...]:
         position, turned = enu(pose.position_ned_m), attitude_enu(pose.q_wxyz)
         body = Transform(ODOMETRY_FRAME, BODY_FRAME, position, turned)
-        return (body, *(sensor_transform(one, pose) for one in self._gimbals))
+        return (body, *(sensor_transform(gimbal, pose) for gimbal in self._gimbals))
 
     def _tick(self, t_s: float) -> int:
         """Publish the clock, which never goes back; return a time's stamp."""
@@ -331,7 +331,7 @@ class NodeAutonomy:
                     f"{t_s - began_s:.1f} s found a subscriber"
                 )
 
-    def _take_setpoint(self, telemetry: Telemetry) -> None:
+    def _receive_setpoint(self, telemetry: Telemetry) -> None:
         """Take the newest setpoint if it can be used; stop without one, and fail in the end."""
         for trouble in self._inbox.troubles():
             if "publishers" in trouble:

@@ -58,7 +58,7 @@ _ROUTER_PORT = 7447
 _LOOK_S = 0.02
 _SETTLED_S = 0.3
 """How long no subscription may have been added, for a node to be ready."""
-_BEYOND_SENSORS = frozenset(one.name for one in OWN) - {"/odom", "/pose"}
+_BEYOND_SENSORS = frozenset(out_topic.name for out_topic in OWN) - {"/odom", "/pose"}
 """Topics whose subscription does not tell that a node has come: every node has some."""
 
 
@@ -78,7 +78,7 @@ class OpenNode:
         return ProgramResult(
             vehicle=self.vehicle,
             exit="was found, and goes on" if self.node is None else _exit_text(self.node),
-            refused=sum(one.received - one.used for one in self.inbox.topics.values()),
+            refused=sum(topic.received - topic.used for topic in self.inbox.topics.values()),
             trouble="; ".join(self.inbox.troubles()),
             topics=(*self.topics.results(), *_in_results(self.inbox)),
         )
@@ -101,11 +101,11 @@ async def open_node(
 
     Raises AutonomyFault for a node that ends or that cannot fly, WireError.
     """
-    part = cast("Ros2Autonomy", setup.campaign.under_test.foreign).part
+    part = cast("Ros2Autonomy", setup.case.under_test.foreign).part
     vehicle = FlownVehicle(setup, context, run_state)
     loop = asyncio.get_running_loop()
     async with AsyncExitStack() as stack:
-        types = await loop.run_in_executor(None, _types, part, setup.campaign.under_test.folder)
+        types = await loop.run_in_executor(None, _types, part, setup.case.under_test.folder)
         domain = stack.enter_context(claimed_domain(part.domain))
         wire = await stack.enter_async_context(_open_wire(part, vehicle, domain, types))
         flight = _NodeFlight(part, vehicle, wire, types)
@@ -135,7 +135,7 @@ async def _open_wire(
     setup = vehicle.setup
     if part.wire == "rclpy":
         log = setup.order.folder / f"{vehicle.context.name}-relay.log"
-        folder = setup.campaign.under_test.folder
+        folder = setup.case.under_test.folder
         async with open_rclpy(part.python, domain=domain, folder=folder, log=log) as relayed:
             yield relayed
         return
@@ -165,12 +165,12 @@ class _NodeFlight:
         self._inbox = SetpointInbox(in_topics(part, names))
         self._sensors = sensors
         for name, topic in self._inbox.topics.items():
-            wire.listen(name, topic.type, self._inbox.take)
+            wire.listen(name, topic.type, self._inbox.receive)
         self._node: NodeProcess | None = None
         self._is_ready = False
 
     def environment(self, domain: int) -> dict[str, str]:
-        under_test = self._setup.campaign.under_test
+        under_test = self._setup.case.under_test
         return {
             "PYTHONUNBUFFERED": "1",
             **os.environ,
@@ -187,7 +187,7 @@ class _NodeFlight:
         async with started_node(
             self._part.argv,
             environment=environment,
-            folder=self._setup.campaign.under_test.folder,
+            folder=self._setup.case.under_test.folder,
             log=self._setup.order.folder / f"{self._name}-node.log",
             on_end=self._on_node_end,
         ) as node:
@@ -212,7 +212,7 @@ class _NodeFlight:
         )
         if px4 is not None:
             self._run_state.on_stage(lambda stage, _: px4.enter(stage))
-        autonomy.latch(GOAL, json.dumps(dict(self._setup.campaign.under_test.goal)))
+        autonomy.latch(GOAL, json.dumps(dict(self._setup.case.under_test.goal)))
         self._run_state.on_stage(lambda stage, _: autonomy.latch(STAGE, stage))
         self._run_state.on_decisive(
             lambda event: autonomy.latch(VERDICT, f"{event.kind}: {event.text}")
@@ -233,7 +233,7 @@ class _NodeFlight:
 
     async def report(self, autonomy: NodeAutonomy) -> None:
         """Publish the telemetry while `act` does not, until cancelled."""
-        period_s = 1.0 / self._setup.campaign.under_test.rate_hz
+        period_s = 1.0 / self._setup.case.under_test.rate_hz
         t0_s, tick = self._loop.time(), 0
         while True:
             tick = max(tick + 1, int((self._loop.time() - t0_s) / period_s))
@@ -334,12 +334,12 @@ def _out_topics(part: Ros2Part, vehicle: FlownVehicle) -> tuple[OutTopic, ...]:
     for sensor in setup.vehicle(name).sensors:
         word = word_of(sensor.name)
         found += sensor_topics(word, sensor.kind, compressed=part.compressed)
-    recipe = setup.campaign.recipe if setup.mode == "wil" else None
-    for one in () if recipe is None else recipe.combinations:
-        if one.publish_raw and name in one.publish:
+    recipe = setup.case.recipe if setup.mode == "wil" else None
+    for combination in () if recipe is None else recipe.combinations:
+        if combination.publish_raw and name in combination.publish:
             for side in ("real", "twin"):
-                path = f"{side}/{word_of(one.sensor.name)}"
-                found += sensor_topics(path, one.sensor.kind, compressed=part.compressed)
+                path = f"{side}/{word_of(combination.sensor.name)}"
+                found += sensor_topics(path, combination.sensor.kind, compressed=part.compressed)
     return tuple(found)
 
 
@@ -360,7 +360,7 @@ def _exit_text(node: NodeProcess) -> str:
 
 def _in_results(inbox: SetpointInbox) -> tuple[TopicResult, ...]:
     return tuple(
-        TopicResult(name, one.type, "in", one.received, one.used, one.trouble)
-        for name, one in inbox.topics.items()
-        if one.received
+        TopicResult(name, topic.type, "in", topic.received, topic.used, topic.trouble)
+        for name, topic in inbox.topics.items()
+        if topic.received
     )

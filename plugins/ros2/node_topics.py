@@ -29,7 +29,7 @@ class NodeTopics:
         self, wire: Wire, topics: Iterable[OutTopic], rename: Mapping[str, str | None]
     ) -> None:
         self._wire = wire
-        self._topics = {one.name: one for one in topics}
+        self._topics = {out_topic.name: out_topic for out_topic in topics}
         self._names = {name: rename.get(name, name) for name in self._topics}
         self._counts = {name: _Counts() for name, to in self._names.items() if to is not None}
         self._lock = threading.Lock()
@@ -86,10 +86,10 @@ class NodeTopics:
                     self.name_of(name),
                     self._topics[name].type,
                     "out",
-                    one.offered,
-                    one.delivered,
-                    one.trouble,
+                    count.offered,
+                    count.delivered,
+                    count.trouble,
                 )
-                for name, one in self._counts.items()
-                if one.offered
+                for name, count in self._counts.items()
+                if count.offered
             )

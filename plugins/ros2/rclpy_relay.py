@@ -164,16 +164,16 @@ class Relay:
     def _look_for_mismatches(self) -> list[str]:
         """Return in words the subscriptions to our topics that DDS does not match."""
         found = []
-        for one in list(self._publishers.values()):
-            if one.get_subscription_count():
+        for publisher in list(self._publishers.values()):
+            if publisher.get_subscription_count():
                 continue
-            for their in self._node.get_subscriptions_info_by_topic(one.topic_name):
-                where = f"the node {their.node_name} subscribes to {one.topic_name}"
-                ours = _type_name(one.msg_type)
+            for their in self._node.get_subscriptions_info_by_topic(publisher.topic_name):
+                where = f"the node {their.node_name} subscribes to {publisher.topic_name}"
+                ours = _type_name(publisher.msg_type)
                 if their.topic_type != ours:
                     found.append(f"{where} with {their.topic_type}, not {ours}")
                     continue
-                worst, why = qos_check_compatible(one.qos_profile, their.qos_profile)
+                worst, why = qos_check_compatible(publisher.qos_profile, their.qos_profile)
                 if worst == QoSCompatibility.ERROR:
                     found.append(f"{where} with another quality of service: {why.strip()}")
         return sorted(found)

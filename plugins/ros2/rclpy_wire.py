@@ -108,12 +108,12 @@ class RclpyWire:
                 if kind == READY:
                     self.is_ready.set()
                 elif kind == STATUS:
-                    self._take_graph(json.loads(data))
+                    self._receive_graph(json.loads(data))
                 elif kind == MESSAGE and len(data) == length:
                     name, take = self._listened[index]
                     take(InMessage(name, self._types[index], data))
 
-    def _take_graph(self, graph: dict[str, Any]) -> None:
+    def _receive_graph(self, graph: dict[str, Any]) -> None:
         """Take who subscribes, and who publishes to us."""
         self._subscribers = {int(index): count for index, count in graph["subscribed"].items()}
         self._mismatches = graph["mismatches"]

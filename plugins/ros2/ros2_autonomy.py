@@ -51,15 +51,15 @@ class Ros2Autonomy(ForeignAutonomy):
         """Return whether the node, or its domain, is one for all runs."""
         return self.part.domain is not None
 
-    def problems(self, campaign: Document, folder: Path) -> list[Problem]:
+    def problems(self, file: Document, folder: Path) -> list[Problem]:
         """Return a program or file that is missing, a wire that is not installed, no topics."""
         faults = self.part.faults(folder)
-        found = [campaign.problem(("autonomy", self.kind, *one.path), str(one)) for one in faults]
+        found = [file.problem(("autonomy", self.kind, *fault.path), str(fault)) for fault in faults]
         if find_spec("rosbags") is None:  # whose types the topics have: a problem says so
             return found
-        return [*found, *self._px4_problems(campaign, folder), *self._unknown(campaign)]
+        return [*found, *self._px4_problems(file, folder), *self._unknown(file)]
 
-    def _px4_problems(self, campaign: Document, folder: Path) -> Iterator[Problem]:
+    def _px4_problems(self, file: Document, folder: Path) -> Iterator[Problem]:
         """Yield what of PX4's definitions is missing, or cannot be read."""
         from wil_campaign.plugins.ros2.px4.px4_types import px4_types  # noqa: PLC0415 - of an extra
 
@@ -68,15 +68,15 @@ class Ros2Autonomy(ForeignAutonomy):
         try:
             px4_types(self.part.distribution, folder / self.part.px4_msgs)
         except KeyFaultError as error:
-            yield campaign.problem(("autonomy", self.kind, *error.path), str(error))
+            yield file.problem(("autonomy", self.kind, *error.path), str(error))
 
-    def _unknown(self, campaign: Document) -> Iterator[Problem]:
+    def _unknown(self, file: Document) -> Iterator[Problem]:
         """Yield topics of `needs` and `barrier` on which no vehicle's sensor has anything."""
         from wil_campaign.plugins.ros2.messages.topics import OWN  # noqa: PLC0415 - of an extra
         from wil_campaign.plugins.ros2.px4.px4_types import PX4_OUT  # noqa: PLC0415
 
         own = OWN if self.part.px4_msgs is None else (*OWN, *PX4_OUT)
-        ours = {one.name for one in own} | set(_topics_of_sensors(campaign, self.part))
+        ours = {out_topic.name for out_topic in own} | set(_topics_of_sensors(file, self.part))
         known = {name for name in ours if self.part.topics.get(name, name) is not None}
         known |= {self.part.topics[name] or "" for name in known & set(self.part.topics)}
         barrier = [] if self.part.barrier is None else self.part.barrier.topics
@@ -86,19 +86,19 @@ class Ros2Autonomy(ForeignAutonomy):
             if topic not in known:
                 message = f"nothing is published on '{topic}'"
                 where = ("autonomy", self.kind, *path)
-                yield campaign.problem(where, message, closest(topic, known))
+                yield file.problem(where, message, closest(topic, known))
 
 
-def _topics_of_sensors(campaign: Document, part: Ros2Part) -> Iterator[str]:
+def _topics_of_sensors(file: Document, part: Ros2Part) -> Iterator[str]:
     """Yield the topics of the vehicles' sensors, mixed and as they were before."""
     from wil_campaign.plugins.ros2.messages.reading_messages import word_of  # noqa: PLC0415
     from wil_campaign.plugins.ros2.messages.topics import sensor_topics  # noqa: PLC0415
 
-    vehicles = campaign.get(("vehicles",))
+    vehicles = file.get(("vehicles",))
     for vehicle in vehicles.values() if isinstance(vehicles, dict) else ():
         sensors = vehicle.get("sensors") if isinstance(vehicle, dict) else None
         for name, sensor in sensors.items() if isinstance(sensors, dict) else ():
             kind = str(sensor.get("type")) if isinstance(sensor, dict) else ""
             for path in ("", "real/", "twin/"):
                 topics = sensor_topics(path + word_of(str(name)), kind, compressed=part.compressed)
-                yield from (one.name for one in topics)
+                yield from (topic.name for topic in topics)

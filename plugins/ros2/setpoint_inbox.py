@@ -51,7 +51,7 @@ class SetpointInbox:
         self._numbers = 0
         self._words: dict[str, deque[bytes]] = {}
 
-    def take(self, message: InMessage) -> None:
+    def receive(self, message: InMessage) -> None:
         """Take a message of the node."""
         topic = self.topics[message.topic]
         with self._changed:
@@ -104,11 +104,11 @@ class SetpointInbox:
         until_s = time.monotonic() + within_s
         with self._changed:
             while True:
-                for one in reversed(self._recent):
-                    if one.number <= after:
+                for received in reversed(self._recent):
+                    if received.number <= after:
                         break
-                    if one.stamp_ns == stamp_in(one.topic.type, stamp_ns):
-                        return one
+                    if received.stamp_ns == stamp_in(received.topic.type, stamp_ns):
+                        return received
                 if time.monotonic() >= until_s or is_gone():
                     return None
                 self._changed.wait(_LOOK_S)

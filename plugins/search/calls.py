@@ -45,7 +45,7 @@ class SearchResults:
     @property
     def files(self) -> tuple[Path, ...]:
         """Return the campaign files of the confirmed failures, which `run` flies."""
-        return tuple(self.folder / one["file"] for one in self.failures if one["file"])
+        return tuple(self.folder / failure["file"] for failure in self.failures if failure["file"])
 
 
 def search(

@@ -64,7 +64,7 @@ class BatchEngine:
         outcome = fly_campaign(campaign, options, cleared, self.watcher, batch=folder)
         stops: dict[int, Stop] = {_SIGNAL: "signal", _COMMAND: "command"}
         return EngineResult(
-            runs={f"{one.case}/{one.mode}/{one.rep}": one for one in outcome.summary.runs},
+            runs={f"{run.case}/{run.mode}/{run.rep}": run for run in outcome.summary.runs},
             stopped=stops.get(outcome.exit_code),
             is_broken=outcome.exit_code == _BROKEN,
         )

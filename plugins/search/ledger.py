@@ -131,7 +131,7 @@ class Ledger:
         """Record the outcomes of a batch."""
         self._contents.outcomes[batch.number] = tuple(outcomes)
         self._contents.is_broken |= is_broken
-        plain = [dataclasses.asdict(one) for one in outcomes]
+        plain = [dataclasses.asdict(outcome) for outcome in outcomes]
         self._append({"flown": batch.number, "outcomes": plain, "is_broken": is_broken})
 
     def _append(self, entry: dict[str, object]) -> None:

@@ -39,16 +39,16 @@ def search_text(search: SearchCampaign, outcome: SearchOutcome) -> str:
     found = outcome.findings
     rows = [
         (
-            one.variant.name,
-            one.mode,
-            one.standing,
-            f"{one.failed}/{one.proven}",
-            _interval_text(one),
-            one.causes_text,
-            _changes_text(search, one),
-            outcome.files.get(one.variant.name, ""),
+            failing_case.variant.name,
+            failing_case.mode,
+            failing_case.standing,
+            f"{failing_case.failed}/{failing_case.proven}",
+            _interval_text(failing_case),
+            failing_case.causes_text,
+            _changes_text(search, failing_case),
+            outcome.files.get(failing_case.variant.name, ""),
         )
-        for one in found.cases
+        for failing_case in found.cases
     ]
     heads = ("variant", "mode", "standing", "failed", "rate", "cause", "reduced to", "file")
     shown = [f"{table(heads, rows)}\n"] if rows else []
@@ -57,7 +57,11 @@ def search_text(search: SearchCampaign, outcome: SearchOutcome) -> str:
 
 def _sentences(search: SearchCampaign, outcome: SearchOutcome) -> Iterator[str]:
     found = outcome.findings
-    failed = sum(one.failed(mode) for one in found.tried for mode in list(one.outcomes)[-1:])
+    failed = sum(
+        tried_variant.failed(mode)
+        for tried_variant in found.tried
+        for mode in list(tried_variant.outcomes)[-1:]
+    )
     yield (
         f"{search.campaign.name}: {len(found.tried)} variants flown, {failed} failed, "
         f"{len(found.confirmed)} confirmed; {len(found.refused)} refused before a flight; "
@@ -71,7 +75,9 @@ def _sentences(search: SearchCampaign, outcome: SearchOutcome) -> Iterator[str]:
         yield f"gap from {gap.lower} to {gap.upper}: {mean} of the objective, by {pairs} pairs"
     for (mode, purpose), cost in found.costs.items():
         yield f"{mode}, {purpose}: {cost.flights} flights, {cost.flight_s:.0f} s in flight"
-    covered = coverage_of(search.space, [one.variant.values for one in found.tried])
+    covered = coverage_of(
+        search.space, [tried_variant.variant.values for tried_variant in found.tried]
+    )
     yield f"coverage: {covered.flown} of {covered.cells} pairs of cells ({covered.share:.0%})"
 
 
@@ -83,7 +89,7 @@ def _interval_text(case: FailingCase) -> str:
 def _changes_text(search: SearchCampaign, case: FailingCase) -> str:
     if case.standing != "confirmed":
         return ""
-    units = {one.name: one.unit for one in search.space.parameters}
+    units = {parameter.name: parameter.unit for parameter in search.space.parameters}
     return ", ".join(
         f"{name} {value} {units[name]}".rstrip() for name, value in case.reduced.values.items()
     )

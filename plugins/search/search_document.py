@@ -35,20 +35,22 @@ def search_document(
         "seeds": part.seeds,
         "parameters": [
             {
-                "name": one.name,
-                "keys": list(one.keys),
-                "unit": one.unit,
-                "from": one.low if one.is_number else None,
-                "to": one.high if one.is_number else None,
-                "integer": one.is_integer,
-                "choices": list(one.choices),
-                "own": one.own,
+                "name": parameter.name,
+                "keys": list(parameter.keys),
+                "unit": parameter.unit,
+                "from": parameter.low if parameter.is_number else None,
+                "to": parameter.high if parameter.is_number else None,
+                "integer": parameter.is_integer,
+                "choices": list(parameter.choices),
+                "own": parameter.own,
             }
-            for one in search.space.parameters
+            for parameter in search.space.parameters
         ],
-        "constraints": [one.text for one in search.space.constraints],
+        "constraints": [constraint.text for constraint in search.space.constraints],
         "ended": ended,
-        "failures": [_failure_entry(search, one, files) for one in findings.cases],
+        "failures": [
+            _failure_entry(search, failing_case, files) for failing_case in findings.cases
+        ],
         "gaps": [
             {
                 "from": gap.lower,
@@ -70,19 +72,25 @@ def search_document(
             for (mode, purpose), cost in findings.costs.items()
         ],
         "coverage": _coverage_entry(search, findings),
-        "sensed": [_sensed_entry(one) for one in sensed_of(findings)],
-        "variants": [_variant_entry(one) for one in findings.tried],
+        "sensed": [_sensed_entry(coverage) for coverage in sensed_of(findings)],
+        "variants": [_variant_entry(tried_variant) for tried_variant in findings.tried],
         "refused": [
-            {"name": one.name, "values": dict(one.values), "reason": why}
-            for one, why in findings.refused
+            {"name": variant.name, "values": dict(variant.values), "reason": why}
+            for variant, why in findings.refused
         ],
     }
 
 
 def sensed_of(findings: Findings) -> tuple[SensedCoverage, ...]:
     """Return what the sensors had in view in all flights with PASS or FAIL."""
-    proven = (one for one in findings.flown if one.verdict in {"PASS", "FAIL"})
-    return sensed_coverage((one.sensed, one.verdict == "FAIL") for one in proven)
+    proven = (
+        flight_outcome
+        for flight_outcome in findings.flown
+        if flight_outcome.verdict in {"PASS", "FAIL"}
+    )
+    return sensed_coverage(
+        (flight_outcome.sensed, flight_outcome.verdict == "FAIL") for flight_outcome in proven
+    )
 
 
 def unsettled_texts(findings: Findings) -> list[str]:
@@ -90,7 +98,7 @@ def unsettled_texts(findings: Findings) -> list[str]:
 
     Also at which rate what is not confirmed may still fail.
     """
-    texts = [text for one in findings.cases if (text := _rate_text(one))]
+    texts = [text for failing_case in findings.cases if (text := _rate_text(failing_case))]
     if findings.open_failures and not findings.confirmed:
         count = len(findings.open_failures)
         are = "failure is" if count == 1 else "failures are"
@@ -146,9 +154,9 @@ def _variant_entry(tried: TriedVariant) -> dict[str, Any]:
         "modes": {
             mode: {
                 "value": tried.value(mode),
-                "verdicts": [one.verdict for one in outcomes],
-                "causes": [one.cause for one in outcomes],
-                "reasons": [one.reason for one in outcomes],
+                "verdicts": [outcome.verdict for outcome in outcomes],
+                "causes": [outcome.cause for outcome in outcomes],
+                "reasons": [outcome.reason for outcome in outcomes],
             }
             for mode, outcomes in tried.outcomes.items()
         },
@@ -185,7 +193,9 @@ def _failure_entry(
 
 def _coverage_entry(search: SearchCampaign, findings: Findings) -> dict[str, Any]:
     """Return the entry of how much of the space was flown."""
-    coverage = coverage_of(search.space, [one.variant.values for one in findings.tried])
+    coverage = coverage_of(
+        search.space, [tried_variant.variant.values for tried_variant in findings.tried]
+    )
     return {
         "cells": coverage.cells,
         "flown": coverage.flown,

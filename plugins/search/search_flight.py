@@ -81,7 +81,7 @@ def write_report(
 def _require_person(found: SearchCampaign, options: FlightOptions) -> None:
     """Raise RefusedError where an attached vehicle would fly without a person who consents."""
     attached = attached_vehicles(found.flown)
-    names = " and ".join(one.name for one in attached)
+    names = " and ".join(flown.name for flown in attached)
     where = "".join(f" of bench {bench.name}" for bench in found.campaign.benches)
     if not options.arm_real:
         raise RefusedError(

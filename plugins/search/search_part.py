@@ -49,7 +49,10 @@ class ParameterPart(Part):
     def _distinct(cls, choices: list[ParameterValue] | None) -> list[ParameterValue] | None:
         """Refuse a value that is named twice."""
         for index, value in enumerate(choices or ()):
-            if any(value == one and type(value) is type(one) for one in (choices or ())[:index]):
+            if any(
+                value == choice and type(value) is type(choice)
+                for choice in (choices or ())[:index]
+            ):
                 raise KeyFaultError(index, f"'{value}' is named twice")
         return choices
 

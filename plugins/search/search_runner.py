@@ -89,12 +89,14 @@ def _case_overrides(search: SearchCampaign, case: FailingCase, folder: Path) -> 
     home = search.document.path.parent
     given = (*search.case_overrides, *search.option_overrides)
     changed = search.overrides(case.reduced.values).items()
-    values: list[tuple[Override, Data]] = [(one, plain(one.entry.node)) for one in given]
+    values: list[tuple[Override, Data]] = [
+        (override, plain(override.entry.node)) for override in given
+    ]
     values += [(override_of(key, value), value) for key, value in changed]
     return {
-        key: _relocate_paths(value, home, folder, key=key) if one.file == "campaign" else value
-        for one, value in values
-        if (key := one.dotted_key).partition(".")[0] not in matrix_keys()
+        key: _relocate_paths(value, home, folder, key=key) if override.file == "campaign" else value
+        for override, value in values
+        if (key := override.dotted_key).partition(".")[0] not in matrix_keys()
     }
 
 
@@ -246,7 +248,7 @@ class _SearchFlight:
     def _fly_batch(self, batch: Batch) -> tuple[FlightOutcome, ...] | Stop:
         """Fly a batch; return its outcomes, or what stopped it."""
         self._ledger.begin(batch)
-        names = ", ".join(dict.fromkeys(one.variant.name for one in batch.flights))
+        names = ", ".join(dict.fromkeys(flight.variant.name for flight in batch.flights))
         self._say(f"batch {batch.number}, {batch.purpose} in {batch.mode}: {names}")
         folder = self._folder / _FLIGHTS / f"{batch.number:04d}"
         campaign = self._search.batch_campaign(batch)
@@ -299,7 +301,7 @@ def exit_code_of(findings: Findings, *, stopped: Stop | None, is_broken: bool) -
         return 3
     if findings.confirmed:
         return 1
-    if not any(one.outcomes for one in findings.tried):
+    if not any(tried_variant.outcomes for tried_variant in findings.tried):
         return 5
     return 3 if findings.open_failures or not findings.is_proven else 0
 

@@ -86,7 +86,11 @@ def sensed_views(plan: RunPlan, folder: Path) -> tuple[SensedView, ...]:
         one for each in setup.vehicle(setup.subject).sensors if (one := _rays_of(each)) is not None
     ]
     scene = _visible_scene(setup)
-    names = {one.object_id: one.name for one in scene.objects if not one.is_room}
+    names = {
+        scene_object.object_id: scene_object.name
+        for scene_object in scene.objects
+        if not scene_object.is_room
+    }
     views_of = {(eye.sensor, name): _Views() for eye in eyes for name in _counted(eye, names)}
     rays = WorldRays(scene=scene, events=events)
     try:
@@ -125,7 +129,11 @@ def _visible_scene(setup: RunSetup) -> Scene:
     if setup.mode != "wil":
         return setup.judged_scene
     virtual = setup.virtual_scene
-    physical = tuple(one for one in setup.real_scene.objects if one.name not in virtual)
+    physical = tuple(
+        scene_object
+        for scene_object in setup.real_scene.objects
+        if scene_object.name not in virtual
+    )
     return Scene((*virtual.objects, *physical))
 
 

@@ -72,7 +72,7 @@ def shown_objects(scene: Scene) -> dict[str, ShownObject]:
     for placed in scene.objects:
         corners_m = placed.shape.mesh.vertices_m
         north, east, down = (corners_m.max(axis=0) - corners_m.min(axis=0)).tolist()
-        openings = [one for one in placed.shape.openings if one.form != "polygon"]
+        openings = [opening for opening in placed.shape.openings if opening.form != "polygon"]
         found[placed.name] = ShownObject(
             kind=placed.shape.kind,
             size_m=(north, east, down),
@@ -96,7 +96,7 @@ def poses_of_moving(scene: Scene, t_s: float, events: Mapping[str, float]) -> di
 
 def _color_of(materials: Sequence[Material]) -> Rgb | None:
     """Return the colour of an object that has a single one."""
-    colors = {None if one.texture is not None else one.rgb for one in materials}
+    colors = {None if material.texture is not None else material.rgb for material in materials}
     return colors.pop() if len(colors) == 1 else None
 
 
@@ -104,15 +104,19 @@ def packed_objects(objects: Mapping[str, ShownObject]) -> dict[str, dict[str, An
     """Return objects as `hello` and `welcome` carry them."""
     return {
         name: {
-            "kind": one.kind,
-            "size_m": list(one.size_m),
-            "position_ned_m": list(one.position_ned_m),
-            "q_wxyz": list(one.q_wxyz),
-            **({} if one.opening_m is None else {"opening_m": one.opening_m}),
-            **({"form": one.form} if one.form else {}),
-            **({} if one.color_rgb is None else {"color_rgb": list(one.color_rgb)}),
+            "kind": shown_object.kind,
+            "size_m": list(shown_object.size_m),
+            "position_ned_m": list(shown_object.position_ned_m),
+            "q_wxyz": list(shown_object.q_wxyz),
+            **({} if shown_object.opening_m is None else {"opening_m": shown_object.opening_m}),
+            **({"form": shown_object.form} if shown_object.form else {}),
+            **(
+                {}
+                if shown_object.color_rgb is None
+                else {"color_rgb": list(shown_object.color_rgb)}
+            ),
         }
-        for name, one in objects.items()
+        for name, shown_object in objects.items()
     }
 
 

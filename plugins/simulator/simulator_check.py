@@ -133,13 +133,19 @@ class SimulatorCheck:
     def marked(self) -> Mapping[int, str]:
         """Return the names of the objects that the simulator marks, by id, without rooms."""
         marked = frozenset(self._simulator.welcome.objects)
-        objects = (one for one in self._scene.objects if not one.is_room)
-        return {one.object_id: one.name for one in objects if one.name in marked}
+        objects = (scene_object for scene_object in self._scene.objects if not scene_object.is_room)
+        return {
+            scene_object.object_id: scene_object.name
+            for scene_object in objects
+            if scene_object.name in marked
+        }
 
     @property
     def not_measured(self) -> str:
         """Return why nothing, or not all, was measured; "" when all was."""
-        there = {one.name for one in self._scene.objects if not one.is_room}
+        there = {
+            scene_object.name for scene_object in self._scene.objects if not scene_object.is_room
+        }
         missing = sorted(there - set(self.marked.values()))
         if missing:
             return f"it marks no {' and no '.join(missing)} (`objects` of its `welcome`)"
@@ -177,7 +183,7 @@ class SimulatorCheck:
         return True
 
     def _record(self, frame: FrameVisibility) -> None:
-        fault = self.coverage.take(frame)
+        fault = self.coverage.observe(frame)
         if fault is not None and not self.fault:
             self.fault = fault.text
 

@@ -101,9 +101,9 @@ def _print_mistakes(error: Exception) -> None:
     """Print the faults of the command's options, a line for each."""
     match error:
         case ValidationError():
-            for one in error.errors():
-                option = str(one["loc"][0]).removesuffix("_s").replace("_", "-")
-                err(f"--{option}: {one['msg']}")
+            for error_details in error.errors():
+                option = str(error_details["loc"][0]).removesuffix("_s").replace("_", "-")
+                err(f"--{option}: {error_details['msg']}")
         case FaultError():
             err(f"--fault {error}")
         case _:

@@ -149,10 +149,10 @@ def _as_page(compared: FolderComparison, page: Path, *, after: Path) -> str:
         compared.settings,
         conclusion=last,
         sentences=[
-            *(one for one in sentences if not one.startswith(of_settings)),
+            *(sentence for sentence in sentences if not sentence.startswith(of_settings)),
             *compared.problems,
         ],
-        before=[linked(one) for one in compared.baseline.folders],
+        before=[linked(path) for path in compared.baseline.folders],
         after=linked(after),
         made_utc=utc_text(time.time()),
     )
@@ -167,16 +167,16 @@ def _rows(found: Comparison) -> list[tuple[str, ...]]:
     """Return the cells of the table of changes."""
     return [
         (
-            one.case,
-            one.mode,
-            one.what,
-            _figure_text(one.before, one.unit, is_beyond=one.is_beyond[0]),
-            _figure_text(one.after, one.unit, is_beyond=one.is_beyond[1]),
-            f"{one.flights[0]} and {one.flights[1]}",
-            "-" if one.p is None else f"{one.p:.2g}",
-            f"{one.outcome}{f': {one.why}' if one.why else ''}",
+            change.case,
+            change.mode,
+            change.what,
+            _figure_text(change.before, change.unit, is_beyond=change.is_beyond[0]),
+            _figure_text(change.after, change.unit, is_beyond=change.is_beyond[1]),
+            f"{change.flights[0]} and {change.flights[1]}",
+            "-" if change.p is None else f"{change.p:.2g}",
+            f"{change.outcome}{f': {change.why}' if change.why else ''}",
         )
-        for one in found.changes
+        for change in found.changes
     ]
 
 
@@ -193,8 +193,8 @@ def _sentences(compared: FolderComparison) -> list[str]:
     lines += [f"other settings: {text}" for text in settings.changed]
     lines += [f"also changed: {text}" for text in settings.named]
     lines += [f"not flown before: {cell}" for cell in found.only_after]
-    worse = [f"{one.case}/{one.mode} {one.what}" for one in found.worse]
-    undecided = sum(one.outcome == "undecided" for one in found.changes)
+    worse = [f"{change.case}/{change.mode} {change.what}" for change in found.worse]
+    undecided = sum(change.outcome == "undecided" for change in found.changes)
     last = f"worse: {', '.join(worse)}" if worse else "nothing became worse beyond chance and size"
     if undecided:
         last += f"; {undecided} lost more than the limit, which may be chance: fly more"
@@ -210,7 +210,7 @@ def _as_json(compared: FolderComparison) -> str:
     """Return the comparison as JSON."""
     document = {
         "schema": "wil/comparison/1",
-        "baseline": [str(one) for one in compared.baseline.folders],
+        "baseline": [str(folder) for folder in compared.baseline.folders],
         **asdict(compared.found),
         "removed_controls": list(compared.removed_controls),
         "settings": asdict(compared.settings),

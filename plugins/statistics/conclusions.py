@@ -60,15 +60,15 @@ def conclusions(study: Study) -> list[Conclusion]:
 
 def _of_pass_rates(study: Study) -> Iterator[Conclusion]:
     """Yield whether the pass rates of the modes differ, and how many flights would show it."""
-    modes = [mode for mode in MODES if any(one.mode == mode for one in study.rates.rates)]
+    modes = [mode for mode in MODES if any(rate.mode == mode for rate in study.rates.rates)]
     if len(modes) < 2:
         return
     counts = ", ".join(f"{MODE_NAMES[mode]} {_count_text(study, mode)}" for mode in modes)
     yield Conclusion("note", f"Passed flights: {counts}.")
     tests = list(_widest_tests(study.rates.tests))
-    apart = [one for one in tests if one.p is not None and one.p < _LEVEL]
-    alike = [one for one in tests if one.p is not None and one.p >= _LEVEL]
-    untested = [one for one in tests if one.p is None]
+    apart = [test for test in tests if test.p is not None and test.p < _LEVEL]
+    alike = [test for test in tests if test.p is not None and test.p >= _LEVEL]
+    untested = [test for test in tests if test.p is None]
     if apart:
         yield Conclusion("shown", f"The pass rates of the modes differ: {_pairs_text(apart)}.")
     if alike:
@@ -80,20 +80,20 @@ def _of_pass_rates(study: Study) -> Iterator[Conclusion]:
         )
         yield from _needed_for_passes(study, alike)
     if untested:
-        text = "; ".join(f"{_pair_text(one)}: {one.why}" for one in untested)
+        text = "; ".join(f"{_pair_text(mode_test)}: {mode_test.why}" for mode_test in untested)
         yield Conclusion("not shown", f"These pass rates cannot be tested: {text}.")
 
 
 def _count_text(study: Study, mode: str) -> str:
-    rates = [one for one in study.rates.rates if one.mode == mode]
-    return f"{sum(one.passed for one in rates)} of {sum(one.flown for one in rates)}"
+    rates = [rate for rate in study.rates.rates if rate.mode == mode]
+    return f"{sum(rate.passed for rate in rates)} of {sum(rate.flown for rate in rates)}"
 
 
 def _widest_tests(tests: Sequence[ModeTest]) -> Iterator[ModeTest]:
     """Yield the test over all cases for each pair of modes; for a single case, its own."""
-    for pair in dict.fromkeys((one.one, one.other) for one in tests):
-        own = [one for one in tests if (one.one, one.other) == pair]
-        yield next((one for one in own if not one.case), own[0])
+    for pair in dict.fromkeys((test.one, test.other) for test in tests):
+        own = [test for test in tests if (test.one, test.other) == pair]
+        yield next((mode_test for mode_test in own if not mode_test.case), own[0])
 
 
 def _pair_text(test: ModeTest) -> str:
@@ -101,7 +101,7 @@ def _pair_text(test: ModeTest) -> str:
 
 
 def _pairs_text(tests: Iterable[ModeTest]) -> str:
-    return "; ".join(f"{_pair_text(one)}, p {one.p:.2g}" for one in tests)
+    return "; ".join(f"{_pair_text(test)}, p {test.p:.2g}" for test in tests)
 
 
 def _needed_for_passes(study: Study, tests: Sequence[ModeTest]) -> Iterator[Conclusion]:
@@ -119,8 +119,8 @@ def _needed_for_passes(study: Study, tests: Sequence[ModeTest]) -> Iterator[Conc
 
 def _times_for_difference(rates: Sequence[PassRate], test: ModeTest) -> int | None:
     """Return the multiple of the flights that would show a difference; None for too many."""
-    by_place = {(one.case, one.mode): one for one in rates if not one.deterministic}
-    cases = [test.case] if test.case else list(dict.fromkeys(one.case for one in rates))
+    by_place = {(rate.case, rate.mode): rate for rate in rates if not rate.deterministic}
+    cases = [test.case] if test.case else list(dict.fromkeys(rate.case for rate in rates))
     pairs = [
         (by_place[case, test.one], by_place[case, test.other])
         for case in cases
@@ -143,11 +143,11 @@ def _times_for_difference(rates: Sequence[PassRate], test: ModeTest) -> int | No
 
 def _widest(figures: Sequence[AnyFigure]) -> list[AnyFigure]:
     """Return the figures over all cases; where there are none, those of the single case."""
-    pooled = [one for one in figures if one.case == ALL_CASES]
+    pooled = [figure for figure in figures if figure.case == ALL_CASES]
     if pooled:
         return [one for one in pooled if one.nearer_by is not None]
-    cases = {one.case for one in figures}
-    return [one for one in figures if len(cases) == 1 and one.nearer_by is not None]
+    cases = {figure.case for figure in figures}
+    return [figure for figure in figures if len(cases) == 1 and figure.nearer_by is not None]
 
 
 def _of_gap(title: str, figures: Sequence[Figure], flown: int) -> Iterator[Conclusion]:
@@ -183,25 +183,25 @@ def _split_by_outcome(
     figures: Sequence[Figure],
 ) -> tuple[list[Figure], list[Figure], list[Figure], list[Figure]]:
     """Return the figures by which WIL is nearer, farther, undecided; and those without interval."""
-    known = [one for one in figures if one.nearer_interval is not None]
+    known = [figure for figure in figures if figure.nearer_interval is not None]
     return (
         [one for one in known if one.holds is True],
         [one for one in known if one.holds is False],
         [one for one in known if one.holds is None],
-        [one for one in figures if one.nearer_interval is None],
+        [figure for figure in figures if figure.nearer_interval is None],
     )
 
 
 def _names(figures: Iterable[Figure]) -> str:
-    return ", ".join(_MEASURE_NAMES.get(one.measure, one.measure) for one in figures)
+    return ", ".join(_MEASURE_NAMES.get(figure.measure, figure.measure) for figure in figures)
 
 
 def _on_disagreement(
     means: Sequence[GapFigure], energies: Sequence[EnergyFigure]
 ) -> Iterator[Conclusion]:
     """Yield why the two measures of the gap contradict each other, where they do."""
-    against = {one.measure: one for one in means if one.holds is False}
-    both = [one for one in energies if one.holds is True and one.measure in against]
+    against = {gap_figure.measure: gap_figure for gap_figure in means if gap_figure.holds is False}
+    both = [energy for energy in energies if energy.holds is True and energy.measure in against]
     if not both:
         return
     first = both[0]
@@ -221,10 +221,10 @@ def _on_disagreement(
 def _needed_for_gap(figures: Sequence[Figure], flown: int) -> Iterator[Conclusion]:
     """Yield how many flights would decide: an interval shrinks with the square root of them."""
     texts = []
-    for one in figures:
-        times = _times_for_decision(one.nearer_by, one.nearer_interval)
+    for figure in figures:
+        times = _times_for_decision(figure.nearer_by, figure.nearer_interval)
         if times is not None and flown:
-            texts.append(f"{math.ceil(flown * times)} for {_names([one])}")
+            texts.append(f"{math.ceil(flown * times)} for {_names([figure])}")
     if texts:
         yield Conclusion(
             "needed",

@@ -85,7 +85,11 @@ def _as_text(rows: Sequence[HistoryRow], varied: Sequence[Variation]) -> str:
         for row in rows
     ]
     lines = [
-        printable(f"{one.kind}: {one.campaign} {one.case} {one.mode}: {one.text}") for one in varied
+        printable(
+            f"{variation.kind}: {variation.campaign} {variation.case} {variation.mode}: "
+            f"{variation.text}"
+        )
+        for variation in varied
     ]
     lines += [
         printable(
@@ -133,6 +137,6 @@ def _as_json(rows: Sequence[HistoryRow], varied: Sequence[Variation]) -> str:
     document = {
         "schema": "wil/history/1",
         "rows": [asdict(row) for row in rows],
-        "variations": [asdict(one) for one in varied],
+        "variations": [asdict(variation) for variation in varied],
     }
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)

@@ -61,14 +61,14 @@ def _place(mode: str) -> int:
 
 def object_speed(case: str, name: str, mode: str, flights: Sequence[F64]) -> ObjectSpeed:
     """Return mean and spread of an object's speeds; flights: of each its speeds over time, m/s."""
-    means = [float(one.mean()) for one in flights]
+    means = [float(flight.mean()) for flight in flights]
     return ObjectSpeed(
         case=case,
         mode=mode,
         object=name,
         flights=len(flights),
         mean_m_s=math.fsum(means) / len(means),
-        within_m_s=math.fsum(float(one.std()) for one in flights) / len(flights),
+        within_m_s=math.fsum(float(flight.std()) for flight in flights) / len(flights),
         between_m_s=float(np.std(means, ddof=1)) if len(means) > 1 else None,
     )
 
@@ -76,15 +76,17 @@ def object_speed(case: str, name: str, mode: str, flights: Sequence[F64]) -> Obj
 def _speeds(place: Path, entry: RunEntry) -> Iterator[tuple[str, F64]]:
     """Yield name and speeds of each object that moved under a run's goal."""
     world = recorded_world(read_facts(place / "run.mcap"), entry.case, entry.mode)
-    moving = [one for one in world.judged.objects if one.motion is not None]
+    moving = [
+        scene_object for scene_object in world.judged.objects if scene_object.motion is not None
+    ]
     if not moving:
         return
     judged = read_judged_motion(place / "judged.msgpack")
     times = _times(judged)
-    for one in moving if len(times) > 1 else ():
-        speeds = speeds_over_time(one, judged, times)
+    for scene_object in moving if len(times) > 1 else ():
+        speeds = speeds_over_time(scene_object, judged, times)
         if len(speeds):
-            yield one.name, speeds
+            yield scene_object.name, speeds
 
 
 def _times(judged: JudgedMotion) -> F64:

@@ -52,7 +52,9 @@ def rate_series(rates: Sequence[Rate]) -> Markup:
             ends = f'y1="{_y(rate.interval.low):.1f}" y2="{_y(rate.interval.high):.1f}"'
             bars.append(f'<line class="interval" x1="{x:.1f}" x2="{x:.1f}" {ends}/>')
         dots.append(f'<circle class="rate" cx="{x:.1f}" cy="{y:.1f}" r="3.5"/>')
-    series = "".join(f'<polyline class="series" points="{" ".join(one)}"/>' for one in lines if one)
+    series = "".join(
+        f'<polyline class="series" points="{" ".join(line)}"/>' for line in lines if line
+    )
     return _svg(_WIDE, _HIGH, _series_text(rates), scale + "".join(bars) + series + "".join(dots))
 
 
@@ -82,7 +84,7 @@ def rate_text(rate: Rate) -> str:
 
 
 def _series_text(rates: Sequence[Rate]) -> str:
-    changes = sum(one.is_changed for one in rates)
+    changes = sum(rate.is_changed for rate in rates)
     newest = rate_text(rates[-1]) if rates else "none"
     changed = f"; other settings or firmware {changes} times" if changes else ""
     return f"Pass rates of {len(rates)} campaigns, newest: {newest}{changed}"

@@ -46,19 +46,19 @@ class Study:
         )
 
 
-def study_json(campaign: CampaignDocuments, study: Study) -> str:
+def study_json(documents: CampaignDocuments, study: Study) -> str:
     """Return the statistics of a campaign as the text of statistics.json."""
     return to_json(
         {
             "schema": SCHEMA,
-            "campaign": campaign.name,
-            "folder": campaign.folder,
-            "pass_rates": [asdict(one) for one in study.rates.rates],
-            "tests": [asdict(one) for one in study.rates.tests],
-            "agreement": [asdict(one) for one in study.rates.agreement],
-            "gap": [asdict(one) for one in study.gap.figures],
-            "gap_energy": [asdict(one) for one in study.gap.energies],
-            "object_speeds": [asdict(one) for one in study.speeds],
+            "campaign": documents.name,
+            "folder": documents.folder,
+            "pass_rates": [asdict(rate) for rate in study.rates.rates],
+            "tests": [asdict(test) for test in study.rates.tests],
+            "agreement": [asdict(agreement) for agreement in study.rates.agreement],
+            "gap": [asdict(figure) for figure in study.gap.figures],
+            "gap_energy": [asdict(energy) for energy in study.gap.energies],
+            "object_speeds": [asdict(speed) for speed in study.speeds],
             "flights": dict(study.gap.flights or {}),
             "left_out": list(study.gap.left_out),
             "published": {

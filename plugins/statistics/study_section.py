@@ -21,26 +21,26 @@ from wil_campaign.plugins.statistics.study_tables import (
 from wil_campaign.plugins.statistics.study_text import study_text
 
 
-def study_section(folder: Path, campaign: CampaignDocuments) -> Section:
+def study_section(folder: Path, documents: CampaignDocuments) -> Section:
     """Return the statistics of a results folder as a section of its report."""
-    study = _study(folder, campaign)
+    study = _study(folder, documents)
     return Section(
-        html=_html(campaign, study),
+        html=_html(documents, study),
         problems=study.gap.left_out,
-        files={FILE_NAME: study_json(campaign, study)},
+        files={FILE_NAME: study_json(documents, study)},
         text=study_text(study) if has_modes_to_compare(study) else "",
     )
 
 
-def _study(folder: Path, campaign: CampaignDocuments) -> Study:
+def _study(folder: Path, documents: CampaignDocuments) -> Study:
     try:
-        return Study.read(folder, campaign)
+        return Study.read(folder, documents)
     except Exception as error:  # noqa: BLE001 - a damaged file may raise anything
         why = f"the gap cannot be measured: {type(error).__name__}: {error}"
         return Study(PassRates((), (), ()), Gap(left_out=(why,)))
 
 
-def _html(campaign: CampaignDocuments, study: Study) -> str:
+def _html(documents: CampaignDocuments, study: Study) -> str:
     template = environment("wil_campaign.plugins.statistics").get_template("study.html.j2")
     return template.render(
         results=result_rows(study),
@@ -49,5 +49,5 @@ def _html(campaign: CampaignDocuments, study: Study) -> str:
         speeds=speed_rows(study),
         statements=statements(study),
         conclusions=conclusions(study),
-        stand_in=stand_in(campaign),
+        stand_in=stand_in(documents),
     )

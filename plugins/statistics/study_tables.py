@@ -60,7 +60,7 @@ def result_rows(study: Study) -> Rows:
 
     Each count has its interval; published counts of the campaign file get columns of their own.
     """
-    rates = {(one.case, one.mode): one for one in study.rates.rates}
+    rates = {(rate.case, rate.mode): rate for rate in study.rates.rates}
     published = study.published.passed
     cases = dict.fromkeys([*(case for case, _ in rates), *(case for case, _ in published)])
     modes = [one for one in MODES if any(mode == one for _, mode in (*rates, *published))]
@@ -80,7 +80,7 @@ def result_rows(study: Study) -> Rows:
 
 def gap_rows(study: Study) -> Rows:
     """Return the gap by case and measure."""
-    return Rows(_GAP_HEAD, tuple(_gap_row(one) for one in study.gap.figures))
+    return Rows(_GAP_HEAD, tuple(_gap_row(figure) for figure in study.gap.figures))
 
 
 def energy_rows(study: Study) -> Rows:
@@ -89,7 +89,7 @@ def energy_rows(study: Study) -> Rows:
     Empty unless a case has two flights of reality and two of another mode.
     """
     figures = study.gap.energies
-    is_known = any(one.sim is not None or one.wil is not None for one in figures)
+    is_known = any(figure.sim is not None or figure.wil is not None for figure in figures)
     return Rows(_ENERGY_HEAD, tuple(map(_energy_row, figures)) if is_known else ())
 
 
@@ -97,15 +97,15 @@ def speed_rows(study: Study) -> Rows:
     """Return the speeds of moving objects by case and mode, m/s."""
     rows = (
         (
-            one.case,
-            one.object,
-            MODE_NAMES.get(one.mode, one.mode),
-            str(one.flights),
-            _speed(one.mean_m_s),
-            _speed(one.within_m_s),
-            _speed(one.between_m_s),
+            speed.case,
+            speed.object,
+            MODE_NAMES.get(speed.mode, speed.mode),
+            str(speed.flights),
+            _speed(speed.mean_m_s),
+            _speed(speed.within_m_s),
+            _speed(speed.between_m_s),
         )
-        for one in study.speeds
+        for speed in study.speeds
     )
     return Rows(_SPEED_HEAD, tuple(rows))
 
@@ -118,10 +118,10 @@ def statements(study: Study) -> list[str]:
     """Return tests, agreement and what was left out, in sentences."""
     found = [_test_text(test) for test in study.rates.tests]
     found += [
-        f"{MODE_NAMES[one.mode]} agrees with reality on whether there are failures in "
-        f"{one.cases_agree} of {one.cases} cases; two flights, one of each, have the "
-        f"same verdict with probability {one.verdicts_agree:.2f}"
-        for one in study.rates.agreement
+        f"{MODE_NAMES[agreement.mode]} agrees with reality on whether there are failures in "
+        f"{agreement.cases_agree} of {agreement.cases} cases; two flights, one of each, have the "
+        f"same verdict with probability {agreement.verdicts_agree:.2f}"
+        for agreement in study.rates.agreement
     ]
     found += list(_bases(study.gap.figures))
     if study.published.source:
@@ -131,7 +131,7 @@ def statements(study: Study) -> list[str]:
 
 def has_modes_to_compare(study: Study) -> bool:
     """Return whether reality was flown beside another mode, or counts were published."""
-    modes = {one.mode for one in study.rates.rates}
+    modes = {rate.mode for rate in study.rates.rates}
     return bool(study.published.passed) or ("real" in modes and len(modes) > 1)
 
 
@@ -223,7 +223,7 @@ def _energy_holds_text(figure: EnergyFigure) -> str:
 
 
 def _bases(figures: Sequence[GapFigure]) -> Iterator[str]:
-    texts = dict.fromkeys(f"gap of {one.case}: {one.basis}" for one in figures)
+    texts = dict.fromkeys(f"gap of {figure.case}: {figure.basis}" for figure in figures)
     yield from texts
 
 

@@ -16,7 +16,9 @@ from wil_campaign.plugins.statistics.study_tables import (
 
 def study_text(study: Study) -> str:
     """Return the conclusions, then the tables of results and of the gap, and the tests."""
-    lines = [printable(f"{one.kind}: {one.text}") for one in conclusions(study)]
+    lines = [
+        printable(f"{conclusion.kind}: {conclusion.text}") for conclusion in conclusions(study)
+    ]
     parts = ["\n".join(lines), _text(result_rows(study))]
     if study.gap.figures:
         parts.append(_text(gap_rows(study)))

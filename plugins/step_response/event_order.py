@@ -64,14 +64,14 @@ class EventTrace:
         self._last: dict[str, str] = {}
         self.events: list[Occurrence] = []
 
-    def take(self, data: bytes, t_s: float) -> None:
+    def receive(self, data: bytes, t_s: float) -> None:
         """Take bytes of the link that arrived at a time."""
         for message in self._codec.parse(data):
             source = (message.get_srcSystem(), message.get_srcComponent())
             if source == (self._target.system, self._target.component):
-                self.take_message(message, t_s)
+                self.receive_message(message, t_s)
 
-    def take_message(self, message: Any, t_s: float) -> None:
+    def receive_message(self, message: Any, t_s: float) -> None:
         """Take a message of the vehicle."""
         match message.get_type():
             case "HEARTBEAT":
@@ -132,8 +132,8 @@ def _effect_order(
 ) -> OrderRow:
     """Return the order of a command's acknowledgement and the first sign of its effect."""
     expected = (_ACKNOWLEDGED, effect)
-    done_s = next((one.t_s for one in events if one.name == effect), None)
-    acknowledged = [one.t_s for one in events if one.command in commands]
+    done_s = next((event.t_s for event in events if event.name == effect), None)
+    acknowledged = [event.t_s for event in events if event.command in commands]
     if done_s is None or not acknowledged:
         there = ((_ACKNOWLEDGED,) if acknowledged else ()) + ((effect,) if done_s else ())
         return OrderRow(name, expected, there)

@@ -72,7 +72,7 @@ class StepFlight:
         await driver.begin_takeoff(HEIGHT_M)
         await self._at_height()
         await driver.enter_guided()
-        (hold,) = (one for one in step_segments() if one.name == "hover")
+        (hold,) = (step_segment for step_segment in step_segments() if step_segment.name == "hover")
         await self._stream(hold._replace(seconds=_SETTLED_S))
 
     async def _at_height(self) -> None:

@@ -71,8 +71,8 @@ class Flown:
     @property
     def beyond(self) -> int:
         """Return how many figures and orders differ from the firmware's."""
-        orders = sum(one.beyond for one in self.orders)
-        return sum(one.beyond for one in self.figures) + orders
+        orders = sum(order.beyond for order in self.orders)
+        return sum(figure.beyond for figure in self.figures) + orders
 
     @property
     def total(self) -> int:
@@ -125,7 +125,7 @@ async def _fly(
     guard = _guard(autopilot, target, address, folder)
     link = TappedLink(guard.link(_NAME))
     trace = EventTrace(autopilot=autopilot, target=target)
-    link.tap(trace.take)
+    link.tap(trace.receive)
     driver = Driver(name=_NAME, link=link, autopilot=autopilot.name, system_id=target.system)
     error = EstimateError()
     driver.on_truth(error.truth)

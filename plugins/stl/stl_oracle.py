@@ -207,7 +207,7 @@ class Stl(Oracle):
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Record a pose of either vehicle for the formula; one of the judged vehicle adds a row."""
-        pair_distance_m = self._pair_distance.take(sample)
+        pair_distance_m = self._pair_distance.observe(sample)
         if sample.vehicle != self.vehicle:
             return NO_FLAGS
         self._judged = sample

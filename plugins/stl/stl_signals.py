@@ -267,7 +267,7 @@ class PairDistance:
     def __init__(self) -> None:
         self._last: dict[str, PoseSample] = {}
 
-    def take(self, sample: PoseSample) -> float | None:
+    def observe(self, sample: PoseSample) -> float | None:
         """Take a pose of either; return the pair's distance signal, None while one is unknown."""
         self._last[sample.vehicle] = sample
         other = self._last.get("twin" if sample.vehicle == "real" else "real")

@@ -128,8 +128,8 @@ def load_recipe(document: Document, *, loads_code: bool = True) -> Recipe:
     except BadInput as error:
         raise BadInput(_in_order([*error.problems, *reader.problems])) from None
     sensors = tuple(
-        Sensor(name, one.type, one.rate_hz, one.real_type, one.twin_type)
-        for name, one in part.sensors.items()
+        Sensor(name, sensor.type, sensor.rate_hz, sensor.real_type, sensor.twin_type)
+        for name, sensor in part.sensors.items()
     )
     _check_sensors(reader, part, sensors, parsed)
     _check_receivers(reader, part)
@@ -139,8 +139,8 @@ def load_recipe(document: Document, *, loads_code: bool = True) -> Recipe:
         part.description,
         sensors,
         tuple(
-            _combination(one, ("combine", index), sensors, found)
-            for index, (one, found) in enumerate(zip(part.combine, parsed, strict=True))
+            _combination(combine, ("combine", index), sensors, found)
+            for index, (combine, found) in enumerate(zip(part.combine, parsed, strict=True))
         ),
         document,
     )
@@ -175,15 +175,15 @@ def _check_sensors(
 ) -> None:
     """Note undeclared sensors of a recipe document, and steps that cannot handle their types."""
     known = {sensor.name: sensor for sensor in sensors}
-    for index, (one, found) in enumerate(zip(part.combine, parsed, strict=True)):
-        sensor = known.get(one.sensor)
+    for index, (combine, found) in enumerate(zip(part.combine, parsed, strict=True)):
+        sensor = known.get(combine.sensor)
         if sensor is None:
-            message = f"no sensor '{one.sensor}' is declared under 'sensors'"
-            reader.note(("combine", index, "sensor"), message, closest(one.sensor, known))
+            message = f"no sensor '{combine.sensor}' is declared under 'sensors'"
+            reader.note(("combine", index, "sensor"), message, closest(combine.sensor, known))
         else:
             _check_kinds(reader, sensor, found)
         if (
-            one.max_registration_error_px is not None
+            combine.max_registration_error_px is not None
             and sensor
             and sensor.kind not in IMAGE_SENSORS
         ):
@@ -234,11 +234,13 @@ def _check_merged(reader: "_Reader", sensor: Sensor, kinds: dict[Side, str], mer
 def _check_receivers(reader: "_Reader", part: RecipePart) -> None:
     """Refuse two mixtures of one sensor for one vehicle in a recipe document."""
     first: dict[tuple[str, Side], int] = {}
-    for index, one in enumerate(part.combine):
-        for side in one.publish:
-            earlier = first.setdefault((one.sensor, side), index)
+    for index, combine in enumerate(part.combine):
+        for side in combine.publish:
+            earlier = first.setdefault((combine.sensor, side), index)
             if earlier != index:
-                message = f"'{side}' already receives {one.sensor} from combination {earlier + 1}"
+                message = (
+                    f"'{side}' already receives {combine.sensor} from combination {earlier + 1}"
+                )
                 reader.note(("combine", index, "publish"), message)
 
 
@@ -342,7 +344,7 @@ class _Reader:
             return None
         if kind is None:
             meant = resembling(name, stage)
-            known = ", ".join(one.name for one in steps() if one.stage == stage)
+            known = ", ".join(step.name for step in steps() if step.stage == stage)
             hint = "" if meant else f" (known for {stage}: {known})"
             self.note(at, f"unknown step '{name}'{hint}", meant, key=True)
             return None

@@ -86,9 +86,9 @@ class Combination:
         """Return the objects that `isolate_objects` keeps by name; empty without that step."""
         return {
             name
-            for one in self.steps
-            if one.kind.name == "isolate_objects"
-            for _, name in one.parameters.objects()
+            for step in self.steps
+            if step.kind.name == "isolate_objects"
+            for _, name in step.parameters.objects()
         }
 
     def tolerated(self, side: Side) -> frozenset[str]:

@@ -57,7 +57,10 @@ def compile_recipe(
     lacks (`Recipe.unknown_objects` reports it with its place).
     """
     context = Context(object_ids, recipe.document.path.parent)
-    return tuple(_compile(one, context, recipe, stopwatch, observer) for one in recipe.combinations)
+    return tuple(
+        _compile(combination, context, recipe, stopwatch, observer)
+        for combination in recipe.combinations
+    )
 
 
 def _compile(

@@ -79,7 +79,7 @@ class Coverage:
         self._not_measured = ""
         self._unexpected = 0
 
-    def take(self, frame: FrameVisibility) -> VisibilityFault | None:
+    def observe(self, frame: FrameVisibility) -> VisibilityFault | None:
         """Count a measured mixture; return the visibility fault once it has lasted long enough."""
         if frame.not_measured:
             self._not_measured = frame.not_measured
@@ -87,7 +87,7 @@ class Coverage:
         self.frames += 1
         self.not_mixed.update(frame.not_mixed)
         self._unexpected = self._unexpected + 1 if frame.is_unexpected else 0
-        faults = [self._take(one, frame.t_s) for one in frame.objects]
+        faults = [self._observe(visibility, frame.t_s) for visibility in frame.objects]
         if self._unexpected >= _IN_A_ROW:
             share = f"{frame.elsewhere * 100:.1f} % of the reading"
             extra = (
@@ -113,8 +113,8 @@ class Coverage:
         if self._unexpected:
             return True
         return any(
-            one.missed < _IN_A_ROW and (one.displaced or one.missed)
-            for one in self.objects.values()
+            coverage.missed < _IN_A_ROW and (coverage.displaced or coverage.missed)
+            for coverage in self.objects.values()
         )
 
     def is_due(self, one: ObjectCoverage) -> bool:
@@ -126,12 +126,12 @@ class Coverage:
 
     def never_shown(self) -> VisibilityFault | None:
         """Return the fault of a combination that shows no object in view; None without one."""
-        due = [name for name, one in self.objects.items() if one.in_view >= _SHARE_FRAMES]
-        if not due or any(one.shown for one in self.objects.values()):
+        due = [name for name, coverage in self.objects.items() if coverage.in_view >= _SHARE_FRAMES]
+        if not due or any(coverage.shown for coverage in self.objects.values()):
             return None
         return never_shown({name: [self.objects[name]] for name in due}, shower=self._shower)
 
-    def _take(self, one: ObjectVisibility, t_s: float) -> VisibilityFault | None:
+    def _observe(self, one: ObjectVisibility, t_s: float) -> VisibilityFault | None:
         known = self.objects.setdefault(one.name, ObjectCoverage(one.unit))
         if not one.in_view:
             known.displaced = known.missed = 0
@@ -160,8 +160,10 @@ class Coverage:
         fault = self.never_shown()
         if fault is None:
             return None
-        due = [one for one in self.objects.values() if one.in_view >= _SHARE_FRAMES]
-        lasted = [(one.last_in_view_s or 0.0) - (one.first_in_view_s or 0.0) for one in due]
+        due = [coverage for coverage in self.objects.values() if coverage.in_view >= _SHARE_FRAMES]
+        lasted = [
+            (coverage.last_in_view_s or 0.0) - (coverage.first_in_view_s or 0.0) for coverage in due
+        ]
         return fault if max(lasted) >= _BLIND_S else None
 
 
@@ -175,8 +177,12 @@ def never_shown(
         details.append(
             f"{name}: it was in view in {best.in_view} measured frames, {best.shown} showed it"
         )
-    word = "never" if not any(one.shown for each in objects.values() for one in each) else "hardly"
-    times = [one.first_in_view_s or 0.0 for each in objects.values() for one in each]
+    word = (
+        "never"
+        if not any(coverage.shown for each in objects.values() for coverage in each)
+        else "hardly"
+    )
+    times = [coverage.first_in_view_s or 0.0 for each in objects.values() for coverage in each]
     return VisibilityFault(min(times), f"{shower} {word} showed {'; '.join(details)}")
 
 

@@ -39,7 +39,7 @@ def compare_ids(
         found.append(compare_outlines(pair, here, ids))
     return FrameVisibility(
         t_s,
-        tuple(one for each in found for one in each.objects),
+        tuple(visibility for each in found for visibility in each.objects),
         max((each.changed for each in found), default=0.0),
         max((each.elsewhere for each in found), default=0.0),
         any(each.is_unexpected for each in found),

@@ -124,9 +124,12 @@ def compare_outlines(pair: ImagePair, changed: Mask, ids: NDArray[np.uint8]) -> 
         extent, limit = count / size, _limit_px(own, pair)
         seen = ObjectVisibility(name, in_view, extent, shown, is_shown, offset, limit, "px")
         objects.append(seen)
-    reach = max([_floor_px(pair), *(one.limit for one in objects if one.in_view)]) / per_sample
+    reach = (
+        max([_floor_px(pair), *(visibility.limit for visibility in objects if visibility.in_view)])
+        / per_sample
+    )
     away = int(np.count_nonzero(within & (to_present > reach))) / size
-    is_unexpected = away >= IN_VIEW_SHARE and not any(one.in_view for one in objects)
+    is_unexpected = away >= IN_VIEW_SHARE and not any(visibility.in_view for visibility in objects)
     return FrameVisibility(pair.t_s, tuple(objects), share, away, is_unexpected)
 
 

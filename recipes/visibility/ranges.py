@@ -64,7 +64,7 @@ def compare_ranges(
     )
     not_mixed = virtual.not_mixed_in(np.where(is_clear, expected.ids, np.uint8(0)), least=least)
     # Some beams beside the edge of an object in view may hit it unexpectedly.
-    due_any = any(one.in_view for one in objects)
+    due_any = any(visibility.in_view for visibility in objects)
     own = float(np.count_nonzero(visible)) if due_any else 0.0
     most = max(2.0 * least, 0.5 * own)
     unexpected = bool(np.count_nonzero(away) >= max(1.0, min(most, away.size)))

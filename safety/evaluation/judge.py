@@ -130,7 +130,12 @@ def unjudged(uses: Iterable[OracleUse], *, collision_always: bool) -> tuple[str,
 def ground_objects(uses: Iterable[OracleUse]) -> tuple[str, ...]:
     """Return the objects that any oracle use names as ground for takeoff and landing."""
     given = (use.parameters for use in uses)
-    names = (name for one in given if isinstance(one, ContactParameters) for name in one.ground)
+    names = (
+        name
+        for parameters in given
+        if isinstance(parameters, ContactParameters)
+        for name in parameters.ground
+    )
     return tuple(dict.fromkeys(names))
 
 
@@ -181,24 +186,31 @@ class Judge:
     @property
     def timeouts(self) -> frozenset[str]:
         """Return the sources of the judge's events that only report that the time is up."""
-        limits = (one for one in self.oracles if isinstance(one, TimeLimit))
-        return frozenset({GOAL_TIMEOUT, *(source_of(one.name, one.vehicle) for one in limits)})
+        limits = (oracle for oracle in self.oracles if isinstance(oracle, TimeLimit))
+        return frozenset(
+            {
+                GOAL_TIMEOUT,
+                *(source_of(time_limit.name, time_limit.vehicle) for time_limit in limits),
+            }
+        )
 
     @property
     def worst_texts(self) -> Mapping[str, str]:
         """Return the worst values of the judge's oracles, by the sources of their events."""
-        return {source_of(one.name, one.vehicle): one.worst_text for one in self.oracles}
+        return {
+            source_of(oracle.name, oracle.vehicle): oracle.worst_text for oracle in self.oracles
+        }
 
     @property
     def landings(self) -> frozenset[str]:
         """Return the sources of the judge's events that a vehicle was not landed at the end."""
-        ends = (one for one in self.oracles if isinstance(one, LandedOracle))
-        return frozenset(source_of(one.name, one.vehicle) for one in ends)
+        ends = (oracle for oracle in self.oracles if isinstance(oracle, LandedOracle))
+        return frozenset(source_of(end.name, end.vehicle) for end in ends)
 
     def pose(self, sample: PoseSample) -> tuple[Flag, ...]:
         """Feed a pose to the judge; return new flags."""
         is_finite = self._evidence.pose(sample)
-        self._take_evidence()
+        self._receive_evidence()
         if not is_finite:
             return ()
         return self._feed_oracles(self._poses.get(sample.vehicle, ()), sample)
@@ -207,7 +219,7 @@ class Judge:
         """Feed a vehicle's state to the judge; return new flags."""
         self._evidence.state(sample)
         flags = self._feed_oracles(self._states.get(sample.vehicle, ()), sample)
-        self._take_evidence()
+        self._receive_evidence()
         return flags
 
     def received(self, sample: LinkSample) -> tuple[Flag, ...]:
@@ -218,7 +230,7 @@ class Judge:
     def reference(self, sample: ReferenceSample) -> tuple[Flag, ...]:
         """Feed another source's position of a vehicle to the judge; return new flags."""
         is_finite = self._evidence.reference(sample)
-        self._take_evidence()
+        self._receive_evidence()
         if not is_finite:
             return ()
         return self._feed_oracles(self._references.get(sample.vehicle, ()), sample)
@@ -230,7 +242,7 @@ class Judge:
     def ground_speed(self, sample: GroundSpeedSample) -> None:
         """Feed another source's horizontal speed of a vehicle to the judge."""
         self._evidence.ground_speed(sample)
-        self._take_evidence()
+        self._receive_evidence()
 
     def needs_heading(self, vehicle: str) -> bool:
         """Return whether the judge compares the heading of a vehicle's estimate."""
@@ -239,17 +251,17 @@ class Judge:
     def heading(self, sample: HeadingSample) -> None:
         """Feed a comparison of a vehicle's estimated heading to the judge."""
         self._evidence.heading(sample)
-        self._take_evidence()
+        self._receive_evidence()
 
     def report(self, sample: ReportSample) -> None:
         """Feed to the judge that a sample of a signal has arrived."""
         self._evidence.report(sample)
-        self._take_evidence()
+        self._receive_evidence()
 
     def doubt(self, sample: DoubtSample) -> None:
         """Feed to the judge that a signal is not credible: decisive, and INVALID."""
         self._evidence.doubt(sample)
-        self._take_evidence()
+        self._receive_evidence()
 
     def fence(self, sample: FenceSample) -> tuple[Flag, ...]:
         """Feed a vehicle's changed fence to the judge; return new flags."""
@@ -264,14 +276,14 @@ class Judge:
         ]
         flags = self._feed_oracles(handlers, sample)
         self._evidence.stage(sample)
-        self._take_evidence()
+        self._receive_evidence()
         return flags
 
     def tick(self, t_s: float) -> tuple[Flag, ...]:
         """Feed the passing of time to the judge (10 Hz is plenty); return new flags."""
         flags = self._feed_oracles(self._ticks, t_s)
         self._evidence.tick(t_s)
-        self._take_evidence()
+        self._receive_evidence()
         return flags
 
     def drop_out(self, sample: DropOutSample) -> None:
@@ -288,7 +300,7 @@ class Judge:
             [one for one in self.oracles if source_of(one.name, one.vehicle) not in self._ended]
         )
         self._evidence.drop_out(sample)
-        self._take_evidence()
+        self._receive_evidence()
 
     def ends_flight(self, event: DecisiveEvent) -> bool:
         """Return whether the judge ends the flight now for a decisive event."""
@@ -312,7 +324,7 @@ class Judge:
         result = oracle.result(t_s)
         name, vehicle = oracle.name, oracle.vehicle
         is_settled = any(
-            one.decisive and (one.oracle, one.vehicle) == (name, vehicle) for one in self._flags
+            flag.decisive and (flag.oracle, flag.vehicle) == (name, vehicle) for flag in self._flags
         )
         if result.verdict == "FAIL" and not is_settled:
             reason = f"{vehicle} dropped out at {t_s:.2f} s, before this was decided"
@@ -328,7 +340,7 @@ class Judge:
         self._links = _table(oracles, "on_received")
         self._fences = _table(oracles, "on_fence")
         self._stages = tuple(oracles)
-        self._ticks = [one.on_tick for one in oracles if _overrides(one, "on_tick")]
+        self._ticks = [oracle.on_tick for oracle in oracles if _overrides(oracle, "on_tick")]
 
     def _feed_oracles(self, handlers: Iterable[Handler[S]], sample: S) -> tuple[Flag, ...]:
         new: list[Flag] = []
@@ -344,7 +356,7 @@ class Judge:
                 self._event_once(DecisiveEvent(flag.t_s, "FAIL", flag.text, source))
         return tuple(new)
 
-    def _take_evidence(self) -> None:
+    def _receive_evidence(self) -> None:
         events = self._evidence.events
         while self._taken < len(events):
             self._event_once(events[self._taken])

@@ -143,7 +143,7 @@ class Agreement:
 
     def _before(self, t_s: float) -> "_Compared | None":
         """Return the last comparison not after a time; None when there is none."""
-        return next((one for one in reversed(self._pairs) if one.t_s <= t_s + 1e-9), None)
+        return next((pair for pair in reversed(self._pairs) if pair.t_s <= t_s + 1e-9), None)
 
     def _moved_apart(self, before: "_Compared", now: "_Compared") -> Iterator[Disagreement]:
         t_s, span_s = now.t_s, now.t_s - before.t_s

@@ -63,7 +63,7 @@ class Coverage:
         if sample.stage == "end" and self._of_link is not None:
             self.find(sample.t_s, self._of_link)
 
-    def take(self, t_s: float) -> None:
+    def observe(self, t_s: float) -> None:
         """Take a sample: the signal covers this moment."""
         if not t_s > self._newest_s:
             return

@@ -108,7 +108,7 @@ class Evidence:
         """Add to the evidence that a sample of another signal has arrived."""
         key = (sample.signal, sample.vehicle)
         if key in self._signals and key not in self._ended:
-            self._signals[key].take(sample.t_s)
+            self._signals[key].observe(sample.t_s)
             self._settle(key, self._signals[key])
 
     def state(self, sample: StateSample) -> None:
@@ -166,10 +166,10 @@ class Evidence:
         """Return the evidence of each signal whose window has opened, in their order."""
         seen = (signal.result() for signal in self._signals.values())
         doubted = (_result_of(*doubt) for doubt in self._doubts.values())
-        return (*(one for one in seen if one is not None), *doubted)
+        return (*(result for result in seen if result is not None), *doubted)
 
     def _judged(self) -> list[tuple[_Key, Coverage]]:
-        return [one for one in self._signals.items() if one[0] not in self._ended]
+        return [signal for signal in self._signals.items() if signal[0] not in self._ended]
 
     def _coverage(self, terms: SignalTerms) -> Coverage:
         kind = _FLOWN.get(terms.signal)

@@ -48,7 +48,7 @@ class VelocityCoverage(FlownCoverage):
         """Take a pose of the judged source."""
         if self._way and sample.t_s <= self._way[-1].t_s:
             return
-        self.take(sample.t_s)
+        self.observe(sample.t_s)
         self.hold_against_last(self.unrounded(sample.velocity_ned_m_s, sample), sample)
         self._integrate(sample)
         self._compare_own()
@@ -81,7 +81,14 @@ class VelocityCoverage(FlownCoverage):
 
     def _compare_own(self) -> None:
         now = self._way[-1]
-        before = next((one for one in reversed(self._way) if one.t_s <= now.t_s - _SPAN_S), None)
+        before = next(
+            (
+                integrated
+                for integrated in reversed(self._way)
+                if integrated.t_s <= now.t_s - _SPAN_S
+            ),
+            None,
+        )
         if before is not None:
             moved_m = subtract(now.place_m, before.place_m)
             self._compare_integral(before, now, moved_m, self._accuracy, "its own positions")
@@ -112,7 +119,9 @@ class VelocityCoverage(FlownCoverage):
         if not self._way or self._way[0].t_s > begin_s:
             return
         near = [
-            math.hypot(*one.velocity_m_s[:2]) for one in self._way if begin_s <= one.t_s <= end_s
+            math.hypot(*integrated.velocity_m_s[:2])
+            for integrated in self._way
+            if begin_s <= integrated.t_s <= end_s
         ]
         if not near:
             return
@@ -153,14 +162,19 @@ class VelocityCoverage(FlownCoverage):
     def _at(self, t_s: float) -> "_Integrated | None":
         """Return the integral at a time between two poses; None outside of them."""
         after: _Integrated | None = None
-        for one in reversed(self._way):
-            if one.t_s <= t_s:
+        for integrated in reversed(self._way):
+            if integrated.t_s <= t_s:
                 if after is None:
-                    return one if one.t_s == t_s else None
-                share = (t_s - one.t_s) / (after.t_s - one.t_s)
-                way_m = scale(subtract(after.integral_m, one.integral_m), share)
-                return _Integrated(t_s, one.place_m, one.velocity_m_s, add(one.integral_m, way_m))
-            after = one
+                    return integrated if integrated.t_s == t_s else None
+                share = (t_s - integrated.t_s) / (after.t_s - integrated.t_s)
+                way_m = scale(subtract(after.integral_m, integrated.integral_m), share)
+                return _Integrated(
+                    t_s,
+                    integrated.place_m,
+                    integrated.velocity_m_s,
+                    add(integrated.integral_m, way_m),
+                )
+            after = integrated
         return None
 
 
@@ -197,7 +211,7 @@ class AttitudeCoverage(FlownCoverage):
         """Take a pose of the judged source."""
         if self._judged and sample.t_s <= self._judged[-1][0]:
             return
-        self.take(sample.t_s)
+        self.observe(sample.t_s)
         self.hold_against_last(sample.pose.q_wxyz, sample)
         self._judged.append((sample.t_s, _down_axis(sample.pose.q_wxyz)))
         while self._judged[0][0] < sample.t_s - _KEPT_S:

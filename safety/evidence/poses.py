@@ -45,7 +45,7 @@ class PoseCoverage(FlownCoverage):
     def compared_with(self) -> tuple[str, ...]:
         """Return the other sources with which this vehicle's poses were compared."""
         headings = {} if self._heading is None else self._heading.sources
-        places = {name: None for name, one in self._agreements.items() if one.count}
+        places = {name: None for name, agreement in self._agreements.items() if agreement.count}
         return tuple(places | headings)
 
     def stage(self, sample: StageSample) -> None:
@@ -77,7 +77,7 @@ class PoseCoverage(FlownCoverage):
         if not is_finite(sample):
             self.find(sample.t_s, f"{NOT_A_NUMBER} at {sample.t_s:.2f} s")
             return
-        self.take(sample.t_s)
+        self.observe(sample.t_s)
         for agreement in self._agreements.values():
             self._disagree(agreement.pose(sample))
         if self._own_velocity is not None:

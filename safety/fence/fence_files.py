@@ -289,7 +289,7 @@ class _Properties(_Foreign):
                 says = isinstance(value, str) and bool(_EXCLUDES.search(value[:_NAME]))
             if says:
                 return f"{key}: {value}"[:_NAME]
-        named = (one for one in names if isinstance(one, str) and _EXCLUDES.search(one[:_NAME]))
+        named = (name for name in names if isinstance(name, str) and _EXCLUDES.search(name[:_NAME]))
         return next(named, "")[:_NAME]
 
     def doubt(self, names: Iterable[object] = ()) -> str:

@@ -46,7 +46,7 @@ def moved(fence: Fence, *, start: Pose, to: Pose) -> Fence:
 
 def _inside(fence: Fence) -> shapely.Geometry:
     """Return the area where a fence's vehicle may be, exclusions ignored; never too small."""
-    return shapely.union_all([_shape(one) for one in fence.inclusions])
+    return shapely.union_all([_shape(inclusion) for inclusion in fence.inclusions])
 
 
 def _shape(area: Area) -> shapely.Geometry:

@@ -91,7 +91,11 @@ def decide(
     if not known:
         return Decision("PASS", "")
     # A failure that is known at the end only is later than events of the same time.
-    at_end = {source_of(one.name, one.vehicle) for one in failed if one.at_s is None} - reported
+    at_end = {
+        source_of(oracle_result.name, oracle_result.vehicle)
+        for oracle_result in failed
+        if oracle_result.at_s is None
+    } - reported
     losses = {event.source: event.t_s for event in known if event.source.startswith("guard.lost/")}
     ordered = sorted(known, key=lambda event: _rank(event, event.source in at_end, losses))
     if ordered[0].source in timeouts and (cause := _first_unreached(failed, timeouts)):
@@ -110,8 +114,12 @@ def _with_worst(event: DecisiveEvent, worst: Mapping[str, str]) -> DecisiveEvent
 
 def _first_unreached(failed: Iterable[OracleResult], timeouts: Collection[str]) -> str | None:
     """Return the source of the first oracle that failed at the end only; None without one."""
-    waited = (one for one in failed if one.verdict == "FAIL" and one.at_s is None)
-    sources = (source_of(one.name, one.vehicle) for one in waited)
+    waited = (
+        oracle_result
+        for oracle_result in failed
+        if oracle_result.verdict == "FAIL" and oracle_result.at_s is None
+    )
+    sources = (source_of(oracle_result.name, oracle_result.vehicle) for oracle_result in waited)
     return next((source for source in sources if source not in timeouts), None)
 
 

@@ -82,7 +82,7 @@ class Geofence(LimitOracle):
             return NO_FLAGS
         position_ned_m = sample.pose.position_ned_m
         margin_m = fence.margin_m(position_ned_m)
-        return self.take(
+        return self.judge_margin(
             sample.t_s,
             margin_m,
             margin_m,
@@ -113,7 +113,7 @@ class Altitude(LimitOracle):
             return NO_FLAGS
         up_m = -sample.pose.position_ned_m[2]
         margin_m = margin_of(up_m, low_m, self._max_m)
-        return self.take(
+        return self.judge_margin(
             sample.t_s,
             up_m,
             margin_m,

@@ -166,7 +166,7 @@ class Battery(LimitOracle):
             return NO_FLAGS
         self._is_known = True
         unit = "%" if self._in_percent else "V"
-        return self.take(
+        return self.judge_margin(
             sample.t_s,
             value,
             value - self._least,

@@ -32,7 +32,9 @@ class LimitOracle(Oracle):
         self._outside = False
         self._left_s: float | None = None
 
-    def take(self, t_s: float, actual: float, margin: float, text: Callable[[], str]) -> Flags:
+    def judge_margin(
+        self, t_s: float, actual: float, margin: float, text: Callable[[], str]
+    ) -> Flags:
         """Judge a value by its margin to the limit; `text` describes a violation."""
         if self._worst is None or margin < self._worst[0]:
             self._worst = (margin, actual, t_s)

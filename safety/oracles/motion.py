@@ -91,7 +91,7 @@ class Speed(LimitOracle):
             return NO_FLAGS
         speed_m_s = self._speed_m_s(sample)
         margin_m_s = margin_of(speed_m_s, low_m_s, self._max_m_s)
-        return self.take(
+        return self.judge_margin(
             sample.t_s,
             speed_m_s,
             margin_m_s,
@@ -121,7 +121,7 @@ class Attitude(LimitOracle):
         if self._least_deg is None or margin_deg < self._least_deg:
             self._least_deg, self._limit = margin_deg, limit_deg
         angle_deg = limit_deg - margin_deg
-        return self.take(
+        return self.judge_margin(
             sample.t_s,
             angle_deg,
             margin_deg,

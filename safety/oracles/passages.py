@@ -79,7 +79,7 @@ class PassageDetector:
         now = 1 if self._last_depth_m > 0.0 else -1
         return abs(self._last_depth_m) if now != self.side else 0.0
 
-    def take(self, sample: PoseSample) -> Passage | Dip | None:
+    def observe(self, sample: PoseSample) -> Passage | Dip | None:
         """Take a pose; return the passage or dip that ends with it, if any."""
         last, before_m = self._last, self._last_depth_m
         depth_m = self._depth_m(sample)

@@ -95,7 +95,7 @@ class Reached(Oracle):
             self._home = self._detectors[self._route[len(self._through)][0]].side
         flags: Flags = NO_FLAGS
         for name, detector in self._detectors.items():
-            found = detector.take(sample)
+            found = detector.observe(sample)
             if isinstance(found, Passage):
                 flags += self._pass(name, found)
             elif isinstance(found, Dip) and name == self._next:
@@ -143,7 +143,7 @@ class Reached(Oracle):
         gate = dict(self._route)[name]
         inside = passage.reach_m < gate.limit_m
         if name != self._next:
-            if inside and all(name != one.gate for one in self._through):
+            if inside and all(name != through.gate for through in self._through):
                 self._note(name, f"flew through {name} before {self._next}")
             return NO_FLAGS
         if not self._right_way(passage.direction):

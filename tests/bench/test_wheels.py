@@ -47,5 +47,5 @@ def test_the_table_has_a_row_for_each_python(capsys: pytest.CaptureFixture[str])
 
 
 def test_dependencies_are_those_of_the_project() -> None:
-    assert any(one.startswith("pymavlink") for one in requirements([]))
-    assert any(one.startswith("pyulog") for one in requirements(["logs"]))
+    assert any(requirement.startswith("pymavlink") for requirement in requirements([]))
+    assert any(requirement.startswith("pyulog") for requirement in requirements(["logs"]))

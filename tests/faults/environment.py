@@ -197,7 +197,7 @@ def frames_of(tlog: Path) -> list[bytes]:
         length = 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0)
         frames.append(data[at : at + length])
         at += length
-    return [one for one in frames if one[5] in {1, 2} and one[6] == 1][-4000:]
+    return [frame for frame in frames if frame[5] in {1, 2} and frame[6] == 1][-4000:]
 
 
 async def _garbage_by_mqtt(program: Program, port: int, rng: np.random.Generator) -> None:

@@ -98,7 +98,7 @@ class GroundStation:
         """Return the guard's events that name it."""
         own = f"the ground station {_STATION}/190"
         guard: Any = None if self._pair is None else self._pair.guard
-        return [] if guard is None else [one for one in guard.events if own in one.text]
+        return [] if guard is None else [event for event in guard.events if own in event.text]
 
     def _send(self) -> None:
         loop = asyncio.get_running_loop()

@@ -71,7 +71,7 @@ def roles(program: int, runtime: Path) -> dict[str, ProcessId]:
             found[vehicle_of(words)] = pid
         elif "multiprocessing.forkserver" in words and parent != program:
             found["flight"] = pid  # what the run server, the program's child, has forked
-        elif "pilot_program" in words and not any(one in words for one in _TELLERS):
+        elif "pilot_program" in words and not any(teller in words for teller in _TELLERS):
             found.setdefault("autonomy", pid)
     return {name: one for name, pid in found.items() if (one := ProcessId.of(pid)) is not None}
 

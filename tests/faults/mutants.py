@@ -62,7 +62,7 @@ def _any_order() -> None:
         done = [one.gate for one in self._through]
         if name not in done:
             gates = dict(self._route)
-            others = [one for one in gates if one not in {*done, name}]
+            others = [gate for gate in gates if gate not in {*done, name}]
             self._route = tuple((one, gates[one]) for one in (*done, name, *others))
         return plain(self, name, passage)
 
@@ -158,7 +158,7 @@ MUTANTS: dict[str, Mutant] = {
         _beside_the_bar,
     ),
     "evidence decides nothing": Mutant(
-        _set(judge.Judge, "_take_evidence", lambda _: None),
+        _set(judge.Judge, "_receive_evidence", lambda _: None),
         lambda fault: _early(fault, "stop", "freeze"),
     ),
     "no signal is required": Mutant(_not_required, lambda fault: _early(fault, "stop", "freeze")),

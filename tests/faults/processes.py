@@ -222,7 +222,9 @@ def _aftermath(flown: Flown, before: Mapping[str, str]) -> RealAftermath:
     lost += _not_down(flown)
     if "Traceback" in flown.err:
         lost.append(f"a traceback: {flown.err[-400:]}")
-    events = [(float(str(one["t_s"])), str(one.get("kind"))) for one in _log_lines(run)]
+    events = [
+        (float(str(log_line["t_s"])), str(log_line.get("kind"))) for log_line in _log_lines(run)
+    ]
     acted_s = acted_after_s(events, flown.struck_s)
     then = [name for name in flown.armed_then if name != fault.victim]
     others = {name: flown.sights[name] for name in then}
@@ -285,7 +287,7 @@ def _of_verdict(flown: Flown, verdict: str | None, reason: str, run: Path) -> li
     if verdict is None and not (nobody_left or "disk" in fault.victim):
         found.append("no result.json")
     told = (flown.code == 3 and flown.err) or any(
-        one["event"] == "guard" for one in _log_lines(run)
+        log_line["event"] == "guard" for log_line in _log_lines(run)
     )
     if verdict is None and not told and any(sight.flew for sight in flown.sights.values()):
         found.append("nobody says what happened")

@@ -321,7 +321,7 @@ def _silence(pair: Pair, fault: SignalFault, stage: Stage) -> None:
         if context.name != fault.subject:
             continue
         listeners: Any = context._reference_listeners
-        listeners[:] = [_without(unknown, one) for one in listeners]
+        listeners[:] = [_without(unknown, listener) for listener in listeners]
 
 
 def _without(

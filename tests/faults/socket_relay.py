@@ -259,7 +259,7 @@ class PictureRelay:
         off = altered_image(drawn, self.alteration)
         made = {"image": off.image_bgr, "depth": off.depth_m, "ids": off.object_ids}
         arrays = [made[one["name"]] for one in header["parts"]]
-        return [parts[0], *(one.tobytes() for one in arrays if one is not None)]
+        return [parts[0], *(array.tobytes() for array in arrays if array is not None)]
 
 
 def _detached(send: Any, parts: list[bytes]) -> Callable[[], None]:

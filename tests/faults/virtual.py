@@ -193,7 +193,7 @@ class _Flight:
     def _over(self, now_s: float) -> bool:
         late = now_s > self.fault.at_s + _DOWN_WITHIN_S
         sights = self.witness.sights.values()
-        return late or all(one.down and now_s - one.down_s > _SEEN_S for one in sights)
+        return late or all(sight.down and now_s - sight.down_s > _SEEN_S for sight in sights)
 
 
 def setup_of(fault: Fault, folder: Path) -> RunSetup:
@@ -203,7 +203,9 @@ def setup_of(fault: Fault, folder: Path) -> RunSetup:
     if fault.victim != "forged":
         return setup
     source = KeySource("environment", KEY)
-    return replace(setup, vehicles=tuple(replace(one, signing=source) for one in setup.vehicles))
+    return replace(
+        setup, vehicles=tuple(replace(vehicle, signing=source) for vehicle in setup.vehicles)
+    )
 
 
 def _undo(flight: _Flight) -> None:

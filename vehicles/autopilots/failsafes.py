@@ -198,7 +198,7 @@ def unsound(
 
 def return_altitude_m(autopilot: AutopilotName, values: Mapping[str, float]) -> float | None:
     """Return the altitude above home of a failsafe's return; None when unknown."""
-    for one in RETURN_ALTITUDES[autopilot]:
-        if one.name in values:
-            return values[one.name] * one.metres
+    for parameter in RETURN_ALTITUDES[autopilot]:
+        if parameter.name in values:
+            return values[parameter.name] * parameter.metres
     return None

@@ -44,7 +44,7 @@ class EstimateAccuracy:
 
     def __init__(self, *, session: Session) -> None:
         self.newest: ReportedAccuracy | None = None
-        session.on(mavlink.MAVLINK_MSG_ID_ODOMETRY, self._take)
+        session.on(mavlink.MAVLINK_MSG_ID_ODOMETRY, self._receive)
 
-    def _take(self, message: Any, arrived_s: float) -> None:
+    def _receive(self, message: Any, arrived_s: float) -> None:
         self.newest = accuracy_in(message, arrived_s)

@@ -185,7 +185,7 @@ class Estimates:
             self.not_numbers += 1
             return
         for estimate in self._pairing.position(boot_ms * 1e-3, (x, y, z), (vx, vy, vz)):
-            self._take(estimate, t_s)
+            self._receive(estimate, t_s)
 
     def _quaternion(self, payload: bytes, t_s: float) -> None:
         boot_ms, w, x, y, z = _unpack(_QUATERNION, payload)[:5]
@@ -210,9 +210,9 @@ class Estimates:
         unit = (w / length, x / length, y / length, z / length)
         estimate = self._pairing.attitude(boot_s, unit)
         if estimate is not None:
-            self._take(estimate, t_s)
+            self._receive(estimate, t_s)
 
-    def _take(self, estimate: LocalEstimate, arrived_s: float) -> None:
+    def _receive(self, estimate: LocalEstimate, arrived_s: float) -> None:
         last = self.local
         if last is not None and last.boot_s - _REBOOT_S < estimate.boot_s <= last.boot_s:
             self.overtaken += 1

@@ -183,7 +183,7 @@ class StatusTracker:
         self._change(battery=battery)
 
     def _on_statustext(self, payload: bytes, t_s: float) -> None:
-        self._take_texts(self._pieces.add(payload, t_s))
+        self._receive_texts(self._pieces.add(payload, t_s))
         self.stop()
         if self._pieces.unfinished is not None:
             loop = asyncio.get_running_loop()
@@ -191,13 +191,15 @@ class StatusTracker:
             self._changes.notify()
 
     def _end_text(self) -> None:
-        self._take_texts(self._pieces.expire(math.inf))
+        self._receive_texts(self._pieces.expire(math.inf))
 
-    def _take_texts(self, whole: Sequence[WholeText]) -> None:
-        for one in whole:
-            self._texts.append(StatusText(one.t_s, one.severity, one.text))
+    def _receive_texts(self, whole: Sequence[WholeText]) -> None:
+        for whole_text in whole:
+            self._texts.append(StatusText(whole_text.t_s, whole_text.severity, whole_text.text))
             self._change(texts=tuple(self._texts))
-            self.report(VehicleEvent(one.t_s, "text", one.text, severity=one.severity))
+            self.report(
+                VehicleEvent(whole_text.t_s, "text", whole_text.text, severity=whole_text.severity)
+            )
 
     def _on_estimator_flags(self, message: Any, t_s: float) -> None:
         self.readiness.feed(message)

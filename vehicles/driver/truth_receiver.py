@@ -73,7 +73,7 @@ class TruthReceiver:
         self._read, self._project = autopilot.ground_truth, autopilot.projection
         for message_id in _STAMPED:
             self._session.on_payload(message_id, self._note_stamp)
-        self._session.on(autopilot.truth_message_id, self._take)
+        self._session.on(autopilot.truth_message_id, self._receive)
 
     def anchor_at(self, start: Pose) -> None:
         """Anchor the last second's mean ground truth at `start`; without any, do nothing.
@@ -99,7 +99,7 @@ class TruthReceiver:
     def _note_stamp(self, payload: bytes, t_s: float) -> None:
         self._stamp = _Stamp(int.from_bytes(payload[:4], "little") * 1e-3, t_s)
 
-    def _take(self, message: Any, arrived_s: float) -> None:
+    def _receive(self, message: Any, arrived_s: float) -> None:
         if self._read is None:
             return
         try:

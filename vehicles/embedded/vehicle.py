@@ -50,7 +50,7 @@ class Component(Protocol):
     def tick(self, t_s: float) -> list[Any]:
         """Return the component's messages that are due."""
 
-    def take(self, message: Any, t_s: float) -> list[Any]:
+    def receive(self, message: Any, t_s: float) -> list[Any]:
         """Return the component's replies to a message of a client."""
 
 
@@ -243,7 +243,7 @@ class EmbeddedVehicle:
                 with _LISTENER:
                     callback(sample)
         if self._mocap.is_due(steps):
-            self._mocap.take(body.sample(t_s))
+            self._mocap.receive(body.sample(t_s))
 
     def _on_bytes(self, data: bytes, t_s: float) -> None:
         if self._muted or not self._alive:
@@ -253,7 +253,7 @@ class EmbeddedVehicle:
         for message in self._codec.parse(data):
             self._autopilot.handle(message, arrived_s)
             for component, codec in self._components:
-                self._send_of(codec, component.take(message, t_s))
+                self._send_of(codec, component.receive(message, t_s))
         self._flush()
         if self._autopilot.reboot_requested:
             self._reboot()

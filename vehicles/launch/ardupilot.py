@@ -110,7 +110,7 @@ class ArduPilotLaunch:
             return self.defaults
         binary = Path(shutil.which(str(self.binary)) or self.binary).resolve()
         folders = (folder / _TREE for folder in binary.parents)
-        found = next((one for one in folders if is_file(one / "copter.parm")), None)
+        found = next((path for path in folders if is_file(path / "copter.parm")), None)
         if found is None:
             return ()
         parts = self.frame.partition(":")[0].split("-")

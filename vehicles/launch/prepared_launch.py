@@ -89,7 +89,7 @@ def lock_folder() -> Path:
     return Path(tempfile.gettempdir()) / f"wil-campaign-{os.getuid()}"
 
 
-def take_instance(launch: Launch, *, locks: Path | None = None) -> Instance:
+def receive_instance(launch: Launch, *, locks: Path | None = None) -> Instance:
     """Return a free instance of a kind of simulator. Raises LaunchError when there is none."""
     folder = lock_folder() if locks is None else locks
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -159,7 +159,7 @@ class PreparedLaunch:
                 f"{launch.label}: cannot create its folder {folder}: {error.strerror}"
             ) from error
         self.folder = folder
-        self._instance: Instance = take_instance(launch, locks=locks)
+        self._instance: Instance = receive_instance(launch, locks=locks)
         try:
             self.plan: LaunchPlan = launch.plan(
                 instance=self._instance.number, system_id=system_id, folder=folder

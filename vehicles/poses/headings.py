@@ -179,7 +179,7 @@ class HeadingComparison:
         return math.atan2(math.fsum(math.sin(one) for one in angles_rad), north)
 
     def _recent(self, t_s: float) -> list[tuple[float, float, float]]:
-        return [one for one in self._headings if one[0] >= t_s - _LATE_S]
+        return [heading for heading in self._headings if heading[0] >= t_s - _LATE_S]
 
 
 def _less(value: float, by: float) -> float:

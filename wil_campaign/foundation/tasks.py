@@ -90,7 +90,7 @@ def raising_first_of(*kinds: type[Exception]) -> Iterator[None]:
 def leaves(error: BaseException) -> list[BaseException]:
     """Return the errors within nested error groups of tasks, in order."""
     if isinstance(error, BaseExceptionGroup):
-        return [leaf for one in error.exceptions for leaf in leaves(one)]
+        return [leaf for exception in error.exceptions for leaf in leaves(exception)]
     return [error]
 
 
@@ -191,7 +191,7 @@ class TaskAccount:
         error: BaseException | None = _peek(task, "_exception")
         if error is None:
             return
-        if all(isinstance(one, self._expected) for one in leaves(error)):
+        if all(isinstance(leave, self._expected) for leave in leaves(error)):
             self._unread.append(task)
         else:
             self._fault(error, task.get_name())

@@ -195,8 +195,11 @@ class Motion:
             return self
         drawn = (min(max(float(rng.standard_normal()), -3.0), 3.0) for _ in self.waypoints)
         waypoints = tuple(
-            replace(one, speed_m_s=max(one.speed_m_s + x * self.speed_sd_m_s, one.speed_m_s / 10))
-            for one, x in zip(self.waypoints, drawn, strict=True)
+            replace(
+                waypoint,
+                speed_m_s=max(waypoint.speed_m_s + x * self.speed_sd_m_s, waypoint.speed_m_s / 10),
+            )
+            for waypoint, x in zip(self.waypoints, drawn, strict=True)
         )
         return replace(self, waypoints=waypoints, speed_sd_m_s=0.0)
 

@@ -160,7 +160,11 @@ class Scene:
     @property
     def floor_down_m(self) -> float | None:
         """Return how far down (NED) the lowest floor of the scene's rooms is; None without one."""
-        rooms = [(one.pose, one.shape.mesh.vertices_m) for one in self.objects if one.is_room]
+        rooms = [
+            (scene_object.pose, scene_object.shape.mesh.vertices_m)
+            for scene_object in self.objects
+            if scene_object.is_room
+        ]
         corners = [corners_m @ matrix_from_quat(pose.q_wxyz)[2] for pose, corners_m in rooms]
         downs_m = [
             pose.position_ned_m[2] + float(each.max())

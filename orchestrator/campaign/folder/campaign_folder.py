@@ -64,7 +64,7 @@ def require_writable(out: Path, *, junit: Path | None) -> None:
         if _is_too_long(out.absolute()):
             message = "is too long for a folder of results: choose another one with --out"
             raise BadInput([Problem(str(out), 0, 0, message)])
-        existing = next((one for one in (out, *out.absolute().parents) if exists(one)), out)
+        existing = next((path for path in (out, *out.absolute().parents) if exists(path)), out)
         with tempfile.TemporaryDirectory(dir=existing, prefix=".wil-"):
             pass
     except OSError as error:

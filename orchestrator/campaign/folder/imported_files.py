@@ -63,7 +63,9 @@ def _distributions_of(module: str) -> frozenset[str]:
     """
     if module in sys.stdlib_module_names:
         return frozenset()
-    return frozenset(one.name for one in distributions() if _provides(one, module))
+    return frozenset(
+        distribution.name for distribution in distributions() if _provides(distribution, module)
+    )
 
 
 def _provides(distribution: Distribution, module: str) -> bool:

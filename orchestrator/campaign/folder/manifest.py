@@ -60,7 +60,7 @@ def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str,
         "versions": {"python": platform.python_version(), **_versions(imported.packages)},
         "files": _digests(files | imported.files, campaign),
         "runs": _runs(campaign),
-        "requirements": [asdict(one) for one in campaign.requirements],
+        "requirements": [asdict(requirement) for requirement in campaign.requirements],
         "document": campaign.document.data,
     }
 
@@ -114,7 +114,7 @@ def of_runs(manifest: Mapping[str, Any], key: str) -> dict[str, str]:
     """Return the values of a key of a manifest's runs, by run name, without damaged entries."""
     runs = manifest.get("runs")
     entries = runs if isinstance(runs, list) else []
-    stated = ((one.get("run"), one.get(key)) for one in entries if isinstance(one, dict))
+    stated = ((entry.get("run"), entry.get(key)) for entry in entries if isinstance(entry, dict))
     return {run: value for run, value in stated if isinstance(run, str) and isinstance(value, str)}
 
 
@@ -186,7 +186,7 @@ def _runs(campaign: Campaign) -> list[dict[str, object]]:
     plans = campaign.plans
     # Runs share their files, except where the world draws speeds by the seed of each run.
     files = {id(run.files): run.files for run in plans}
-    worlds = {key: world_digest(one) for key, one in files.items()}
+    worlds = {key: world_digest(file) for key, file in files.items()}
     return [
         {
             "run": run.name,
@@ -216,7 +216,9 @@ def _documents_digest(files: CaseFiles, **changed: Data) -> str:
     own = files.campaign.data
     if isinstance(own, dict):
         own = {**own, **changed}
-    beside = [None if one is None else one.data for one in (files.world, files.recipe)]
+    beside = [
+        None if document is None else document.data for document in (files.world, files.recipe)
+    ]
     text = json.dumps([own, *beside], sort_keys=True, default=str)
     return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
 

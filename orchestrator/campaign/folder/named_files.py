@@ -91,6 +91,6 @@ def with_companions(paths: Iterable[Path]) -> list[Path]:
 
 def _files_of_folder(folder: Path) -> Iterator[Path]:
     """Yield the files that a run reads in a folder that a document names."""
-    yield from sorted(one for one in folder.iterdir() if one.suffix.lower() in IMAGE_SUFFIXES)
+    yield from sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
     if is_file(folder / _PX4_PROGRAM):
         yield folder / _PX4_PROGRAM

@@ -19,7 +19,7 @@ def planned(campaign: Campaign, *, arm: bool) -> tuple[RunPlan, ...]:
     """
     if arm:
         return campaign.plans
-    return tuple(replace(one, required=False) for one in campaign.runs if one.repetition == 1)
+    return tuple(replace(run, required=False) for run in campaign.runs if run.repetition == 1)
 
 
 def runs_due(

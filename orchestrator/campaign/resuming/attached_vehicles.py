@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from wil_campaign.campaigns.expansion.composition import is_composition
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.campaigns.schema import Mode
-from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup, VehicleSetup
 from wil_campaign.orchestrator.model.campaign_results import VehicleKind
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
@@ -88,7 +88,7 @@ def planned_modes(campaign: Campaign, case: str) -> list[Mode]:
     return [mode for mode in campaign.modes if mode in planned]
 
 
-def planned_setups(campaign: Campaign) -> list[tuple[Setup, Mode]]:
+def planned_setups(campaign: Campaign) -> list[tuple[Case, Mode]]:
     """Return the setup of each case and control with each mode in which it is planned."""
     return [
         (setup, mode)
@@ -108,7 +108,11 @@ def flown_vehicles(campaign: Campaign) -> tuple[FlownSetup, ...]:
 
 def attached_vehicles(campaign: Campaign) -> tuple[FlownSetup, ...]:
     """Return the campaign's attached vehicles: neither embedded nor launched."""
-    return tuple(one for one in flown_vehicles(campaign) if one.attached is not None)
+    return tuple(
+        flown_vehicle
+        for flown_vehicle in flown_vehicles(campaign)
+        if flown_vehicle.attached is not None
+    )
 
 
 def with_open_poses(campaign: Campaign) -> tuple[str, ...]:

@@ -64,17 +64,27 @@ def lost_result(plan: RunPlan, lost: WorkerLost, folder: Path) -> RunResult:
     if is_subject:
         text = f"the autonomy of {lost.called} did not return from a call: {lost.reason}"
     source = f"autonomy/{lost.called}" if is_subject else ""
-    decided = [one for one in log.decisive if one.kind != "ABORTED"]
+    decided = [
+        decisive_event for decisive_event in log.decisive if decisive_event.kind != "ABORTED"
+    ]
     # A run whose campaign is lost aborts itself: the loss came before that.
-    aborted_s = (one.t_s for one in log.decisive if one.kind == "ABORTED")
+    aborted_s = (
+        decisive_event.t_s for decisive_event in log.decisive if decisive_event.kind == "ABORTED"
+    )
     lost_s = min(aborted_s, default=log.end_s + _AFTER_LOG_S)
     loss = DecisiveEvent(lost_s, "FAIL" if is_subject else "ERROR", text, source)
     decision = decide((*decided, loss), (), end_s=lost_s)
-    failures = (one.text for one in decision.also if one.kind == "FAIL")
+    failures = (
+        decisive_event.text for decisive_event in decision.also if decisive_event.kind == "FAIL"
+    )
     no_retry = next(map(failed_too, failures), lost.no_retry)
     if flew and not is_subject and not no_retry:
         no_retry = "its process ended after the goal was given, with the autonomy in it"
-    faults = [one.text for one in log.decisive if one.source == "exception"]
+    faults = [
+        decisive_event.text
+        for decisive_event in log.decisive
+        if decisive_event.source == "exception"
+    ]
     exceptions = (*faults, lost.fault.text) if lost.details else tuple(faults)
     return result_without_parts(
         plan, decision, wall_s=0.0, exceptions=exceptions, no_retry=no_retry

@@ -130,7 +130,7 @@ def _fetch_runs(folder: Path, say: Say) -> None:
     """Have engines fetch the runs that they flew elsewhere. Raises ResumeError, OutputError."""
     if not campaign_places(folder):
         return
-    fetches = [one.fetch for one in added(engines).values() if one.fetch]
+    fetches = [engine.fetch for engine in added(engines).values() if engine.fetch]
     if not fetches:
         why = "; ".join(absent(engines).values()) or "no plugin's engine can fetch them"
         raise ResumeError(f"{folder} has runs in a store: {why}")
@@ -170,7 +170,7 @@ class _Resumption:
         for plan, what in lost:
             # After the decision of a sequential test no run counts, lost or not.
             due = runs_due(self._plans, self.campaign.test, self.results)
-            if plan.name in {one.name for one in due}:
+            if plan.name in {run_plan.name for run_plan in due}:
                 self._record_loss(plan, what)
             elif (order := self.orders.get(plan.name)) is not None:
                 close_order(self.folder, order, "lost", f"{what}; it does not count")
@@ -236,7 +236,14 @@ class _Resumption:
         if not result or self.rules.repeats_cut_off:
             return ""
         log = read_cut_log(self.folder / name / "log.jsonl")
-        return next((failed_too(one.text) for one in log.decisive if one.kind == "FAIL"), "")
+        return next(
+            (
+                failed_too(decisive_event.text)
+                for decisive_event in log.decisive
+                if decisive_event.kind == "FAIL"
+            ),
+            "",
+        )
 
     def _earlier_attempts(self, plan: RunPlan) -> list[Attempt]:
         places = earlier_folders(self.folder, plan.name)

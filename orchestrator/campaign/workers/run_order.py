@@ -115,7 +115,7 @@ def map_documents(order: RunOrder, change: Callable[[Document], Document]) -> Ru
         campaign=change(files.campaign),
         world=None if files.world is None else change(files.world),
         recipe=None if files.recipe is None else change(files.recipe),
-        fences={name: change(one) for name, one in files.fences.items()},
+        fences={name: change(fence) for name, fence in files.fences.items()},
     )
     return replace(order, plan=replace(order.plan, files=changed))
 
@@ -159,7 +159,7 @@ def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
             write_whole(order.folder / _RESULT, to_json(result))
             if _is_filmed(setup, result):
                 result = _with_file(order, result, report, run_video.FILE_NAME, _film)
-            for name in setup.campaign.record.also:
+            for name in setup.case.record.also:
                 made = load(added(recording_formats)[name].write)
                 result = _with_file(order, result, report, f"the recording as {name}", made)
     return result
@@ -167,7 +167,7 @@ def fly_order(order: RunOrder, report: Report, inbox: Inbox) -> RunResult:
 
 def _is_filmed(setup: RunSetup, result: RunResult) -> bool:
     """Return whether the campaign wants a video of a run."""
-    wanted = setup.campaign.record.video
+    wanted = setup.case.record.video
     if wanted == "failed":
         return result.went_wrong or result.rep == 1
     return wanted == "always"

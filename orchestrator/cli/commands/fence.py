@@ -54,7 +54,10 @@ def fence(
         return flying
     by = f"cli:{who or account()}"
     orphans = [
-        guard for one in flying.by_campaign().values() if not one.campaigns for guard in one.guards
+        guard
+        for places in flying.by_campaign().values()
+        if not places.campaigns
+        for guard in places.guards
     ]
     for guard in orphans:
         err(f"{guard.name}: its program has ended; its guard keeps the present fence, and lands")

@@ -102,7 +102,7 @@ def _changes(rejudged: tuple[Reevaluation, ...]) -> list[str]:
     """Return a line for each oracle that judges differently now."""
     lines = []
     for each in rejudged:
-        before = {(one.name, one.vehicle): one for one in each.before.oracles}
+        before = {(oracle.name, oracle.vehicle): oracle for oracle in each.before.oracles}
         for now in each.now.oracles:
             then = before.get((now.name, now.vehicle))
             if then is None or then.verdict != now.verdict:

@@ -151,7 +151,11 @@ def _check(replies: list[CommandReply], flying: Places) -> int:
     missing = unconfirmed(flying, replies)
     for text in unconfirmed_texts(missing, flying, replies):
         err(text)
-    late = [one for one in flying.campaigns if one in obeying and not _is_acknowledged(one)]
+    late = [
+        campaign
+        for campaign in flying.campaigns
+        if campaign in obeying and not _is_acknowledged(campaign)
+    ]
     return NONE_OBEYED if missing or late else 0
 
 

@@ -168,7 +168,7 @@ def _schema_of_hint(hint: Any) -> Schema:
         return _object(hint.__name__, **_fields_of(hint))
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin in (types.UnionType, typing.Union):
-        known = [one for one in arguments if one is not types.NoneType]
+        known = [argument for argument in arguments if argument is not types.NoneType]
         return _schema_of_hint(known[0]) if len(known) == 1 else {}
     if origin is typing.Literal:
         return _STRING

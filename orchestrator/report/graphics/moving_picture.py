@@ -48,11 +48,11 @@ def frame_times(run: RunReport) -> list[float]:
 
 def write_gif(path: Path, run: RunReport, campaign: str, images: Sequence[ImagesAtTime]) -> None:
     """Write the moving picture. images: at the times of the frames. Raises OSError."""
-    frames = [_frame(run, campaign, one, is_last=one is images[-1]) for one in images]
+    frames = [_frame(run, campaign, image, is_last=image is images[-1]) for image in images]
     steps = [b.t_s - a.t_s for a, b in itertools.pairwise(images)]
-    durations_ms = [max(20, round(1000.0 * one)) for one in steps] + [_LAST_MS]
+    durations_ms = [max(20, round(1000.0 * step)) for step in steps] + [_LAST_MS]
     palette = _palette(frames)
-    reduced = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in frames]
+    reduced = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     reduced[0].save(
         path,
         format="GIF",
@@ -70,8 +70,8 @@ def _palette(frames: Sequence[Image.Image]) -> Image.Image:
     swatches = [*SUBJECTS.values(), FENCE, INK, *{VERDICTS[name] for name in ("PASS", "FAIL")}]
     width, height = SIZE_PX
     sample = Image.new("RGB", (width, height * len(chosen) + _SWATCH_PX * len(swatches)))
-    for k, one in enumerate(chosen):
-        sample.paste(one, (0, height * k))
+    for k, image in enumerate(chosen):
+        sample.paste(image, (0, height * k))
     for k, colour in enumerate(swatches):
         top = height * len(chosen) + _SWATCH_PX * k
         sample.paste(colour, (0, top, width, top + _SWATCH_PX))

@@ -31,9 +31,9 @@ def read_images(run: Path, *, mode: str, wanted_s: Sequence[float]) -> list[Imag
     """Return the images of a run's folder at each wanted time, as far as they are recorded."""
     found = read_sights(run / "run.mcap", mode=mode, wanted_s=wanted_s)
     for sights in found.sights.values():
-        shown = [_decode_sight(one, mode) for one in sights]
-        if any(one.images_bgr for one in shown):
-            return [one for one in shown if one.images_bgr]
+        shown = [_decode_sight(sight, mode) for sight in sights]
+        if any(images_at_time.images_bgr for images_at_time in shown):
+            return [images_at_time for images_at_time in shown if images_at_time.images_bgr]
     return []
 
 

@@ -106,7 +106,7 @@ def _sequence(
     result: RunResult, at_s: float | None, outcome: Iterable[tuple[float, str]]
 ) -> tuple[tuple[float, str], ...]:
     """Return the decisive events in order of time; empty for a single one."""
-    found = [(one.at_s, f"{one.verdict}: {one.reason}") for one in result.also[:_MOST_EVENTS]]
+    found = [(also.at_s, f"{also.verdict}: {also.reason}") for also in result.also[:_MOST_EVENTS]]
     if at_s is None or not found:
         return ()
     found += [(at_s, f"{result.verdict}: {result.bare_reason}"), *outcome]
@@ -143,9 +143,10 @@ def notes_of(result: RunResult, *, at_s: float | None, goal_s: float | None) -> 
             text += f", {abs(at_s - left.at_s):.2f} s {word} the decisive event"
         found.append(f"{text}: {left.reason}")
     reported = [
-        f"{one.name} of {one.vehicle} {one.verdict}{f' ({one.detail})' if one.detail else ''}"
-        for one in result.oracles
-        if not one.required and one.verdict != "PASS"
+        f"{oracle.name} of {oracle.vehicle} {oracle.verdict}"
+        f"{f' ({oracle.detail})' if oracle.detail else ''}"
+        for oracle in result.oracles
+        if not oracle.required and oracle.verdict != "PASS"
     ]
     if reported:
         found.append(f"Reported oracles that did not pass: {'; '.join(reported)}")
@@ -164,11 +165,15 @@ def deciding_oracle(result: RunResult) -> OracleResult | None:
     if result.decided_by.startswith(_CONTACT):
         vehicle = result.decided_by.removeprefix(_CONTACT)
         return next((o for o in result.oracles if o.vehicle == vehicle and _is_contact(o)), None)
-    named = (one for one in result.oracles if f"{one.name}/{one.vehicle}" == result.decided_by)
+    named = (
+        oracle
+        for oracle in result.oracles
+        if f"{oracle.name}/{oracle.vehicle}" == result.decided_by
+    )
     failed = (
-        one
-        for one in result.oracles
-        if not result.decided_by and one.required and one.verdict == result.verdict != "PASS"
+        oracle
+        for oracle in result.oracles
+        if not result.decided_by and oracle.required and oracle.verdict == result.verdict != "PASS"
     )
     return next(named, None) or next(failed, None)
 
@@ -234,17 +239,18 @@ def _decided_s(
 ) -> float | None:
     if oracle is not None and oracle.at_s is not None:
         flagged = [
-            one.t_s
-            for one in events
-            if one.kind == "flag" and (one.oracle, one.subject) == (oracle.name, oracle.vehicle)
+            event.t_s
+            for event in events
+            if event.kind == "flag"
+            and (event.oracle, event.subject) == (oracle.name, oracle.vehicle)
         ]
         # The worst value may come after the violation.
         return min([oracle.at_s, *flagged])
     reason = result.bare_reason
     decisive = (
-        one.t_s
-        for one in events
-        if one.kind == "decisive" and (reason in one.text or reason.startswith(one.text))
+        event.t_s
+        for event in events
+        if event.kind == "decisive" and (reason in event.text or reason.startswith(event.text))
     )
     return next(decisive, None)
 
@@ -275,13 +281,13 @@ def moment_of(
 def tightest_in_view(result: RunResult) -> OracleResult | None:
     """Return the required oracle with the smallest margin in metres, which an image can show."""
     near = [
-        one
-        for one in result.oracles
-        if one.vehicle == result.subject
-        and one.required
-        and one.unit == "m"
-        and one.margin is not None
-        and one.name != "altitude"
+        oracle
+        for oracle in result.oracles
+        if oracle.vehicle == result.subject
+        and oracle.required
+        and oracle.unit == "m"
+        and oracle.margin is not None
+        and oracle.name != "altitude"
     ]
     return min(near, key=lambda one: one.margin or 0.0, default=None)
 
@@ -293,8 +299,12 @@ def success_of(result: RunResult, *, goal_s: float | None) -> Success | None:
     """Return why a run passed; None for other verdicts."""
     if result.verdict != "PASS":
         return None
-    required = [one for one in result.oracles if one.required]
-    measured = [one for one in required if one.margin is not None and one.actual is not None]
+    required = [oracle for oracle in result.oracles if oracle.required]
+    measured = [
+        oracle_result
+        for oracle_result in required
+        if oracle_result.margin is not None and oracle_result.actual is not None
+    ]
     measured.sort(key=lambda one: (one.unit != "m", one.margin or 0.0))
     is_one = len(required) == 1
     sentence = (
@@ -314,11 +324,11 @@ def _tightest_text(oracle: OracleResult, goal_s: float | None) -> str:
 
 
 def _margins(oracles: Sequence[OracleResult]) -> Iterator[Margin]:
-    for one in oracles:
+    for oracle in oracles:
         yield Margin(
-            name=one.name,
-            measured=number_text(one.actual, one.unit, 2),
-            limit=limit_text(one),
-            margin=number_text(one.margin, one.unit, 2),
-            at_s=one.at_s,
+            name=oracle.name,
+            measured=number_text(oracle.actual, oracle.unit, 2),
+            limit=limit_text(oracle),
+            margin=number_text(oracle.margin, oracle.unit, 2),
+            at_s=oracle.at_s,
         )

@@ -85,8 +85,8 @@ def _closeup(
         if begin_s <= t_s <= end_s
     ]
     every = max(1, math.ceil(len(samples) / _MOST_POINTS))
-    points = tuple((one.t_s, value_of(one)) for one in samples[::every])
-    judged = [one for one in points if limit.span_s[0] <= one[0] <= limit.span_s[1]]
+    points = tuple((sample.t_s, value_of(sample)) for sample in samples[::every])
+    judged = [point for point in points if limit.span_s[0] <= point[0] <= limit.span_s[1]]
     if not judged:
         return None
     worst = max(judged, key=lambda one: limit.excess(one[1]))
@@ -142,6 +142,6 @@ def _distance_to(
 
     def distance(sample: PoseSample) -> float:
         found = probe.sweep(sample.pose, sample.t_s, sample.pose, sample.t_s, events)
-        return max(0.0, min((one.clearance_m for one in found), default=_FAR_M))
+        return max(0.0, min((clearance.clearance_m for clearance in found), default=_FAR_M))
 
     return distance

@@ -32,7 +32,7 @@ def curve_of(
     stretches = _stretches(values)
     kept = None
     if keep_s is not None:
-        times = (t_s for one in stretches for t_s, _ in one if t_s <= keep_s)
+        times = (t_s for stretch in stretches for t_s, _ in stretch if t_s <= keep_s)
         kept = max(times, default=None)
     return Curve(subject, tuple(tuple(one) for one in _shortened(stretches, kept)))
 
@@ -62,12 +62,12 @@ def _shortened(stretches: Sequence[Stretch], keep_s: float | None) -> Iterable[S
     if count <= _MOST_POINTS:
         return stretches
     size = math.ceil(2 * count / _MOST_POINTS)
-    return [_least_and_largest(one, size, keep_s) for one in stretches]
+    return [_least_and_largest(stretch, size, keep_s) for stretch in stretches]
 
 
 def _least_and_largest(points: Stretch, size: int, keep_s: float | None) -> Stretch:
     """Return the least and largest point of each `size` points; that of keep_s stays too."""
     parts = [points[i : i + size] for i in range(0, len(points), size)]
-    kept = {pick(one, key=itemgetter(1)) for one in parts for pick in (min, max)}
-    kept |= {one for one in points if one[0] == keep_s}
+    kept = {pick(part, key=itemgetter(1)) for part in parts for pick in (min, max)}
+    kept |= {point for point in points if point[0] == keep_s}
     return sorted(kept)

@@ -39,7 +39,7 @@ def clearances(
     found: list[Point] = []
     for (begin_s, begin), (end_s, end) in itertools.pairwise(_swept_poses(poses)):
         near = probe.sweep(begin, begin_s, end, end_s, events, only_least=True)
-        least_m = min((one.clearance_m for one in near), default=SHOWN_WITHIN_M)
+        least_m = min((clearance.clearance_m for clearance in near), default=SHOWN_WITHIN_M)
         found.append((end_s, max(0.0, least_m)))
     return tuple(found)
 
@@ -117,9 +117,9 @@ def contact_until_s(
     As for `collision`, a contact ends when the clearance exceeds 2 cm. Floors are left out.
     """
     probe = ClearanceProbe(scene, body, floors=False, within_m=2.0 * CLEAR_AGAIN_M)
-    after = [one for one in poses if one[0] >= touched_s]
+    after = [pose for pose in poses if pose[0] >= touched_s]
     for (begin_s, begin), (end_s, end) in itertools.pairwise(after):
         near = probe.sweep(begin, begin_s, end, end_s, events, only_least=True)
-        if min((one.clearance_m for one in near), default=math.inf) > CLEAR_AGAIN_M:
+        if min((clearance.clearance_m for clearance in near), default=math.inf) > CLEAR_AGAIN_M:
             return begin_s
     return None

@@ -88,7 +88,7 @@ def _missed(
 ) -> str:
     """Return how a vehicle missed its target: it never moved, it stopped, or it flew past."""
     begin_s, end_s = stages.get("goal", math.inf), stages.get("land", math.inf)
-    flown = [one for one in poses if begin_s <= one[0] <= end_s]
+    flown = [pose for pose in poses if begin_s <= pose[0] <= end_s]
     at_first_s, at_last_s = _still_s(flown), _still_s(flown[::-1])
     if flown and at_first_s >= flown[-1][0] - flown[0][0]:
         return f"did not move for {at_first_s:.0f} s after the goal was given"

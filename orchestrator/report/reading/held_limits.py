@@ -56,8 +56,8 @@ def held_limits(
             vehicle, air_s = str(part.get("vehicle") or subject), _in_the_air(span_s, stages)
             for limit in spec.limits(part):
                 found += [
-                    replace(one, vehicle=vehicle)
-                    for one in _place_limit(name, limit, span_s, air_s)
+                    replace(held_limit, vehicle=vehicle)
+                    for held_limit in _place_limit(name, limit, span_s, air_s)
                 ]
     return tuple(found)
 

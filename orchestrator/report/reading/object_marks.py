@@ -132,9 +132,9 @@ def _distances(
     body = recorded_body(world.campaign, vehicle)
     probe = ClearanceProbe(world.scene, body, exclude=others, floors=False, within_m=_FAR_M)
     nearest: dict[str, float] = {}
-    for one in probe.sweep(pose, t_s, pose, t_s, world.events):
-        known_m = nearest.get(one.object_name, math.inf)
-        nearest[one.object_name] = max(0.0, min(known_m, one.clearance_m))
+    for clearance in probe.sweep(pose, t_s, pose, t_s, world.events):
+        known_m = nearest.get(clearance.object_name, math.inf)
+        nearest[clearance.object_name] = max(0.0, min(known_m, clearance.clearance_m))
     return nearest
 
 

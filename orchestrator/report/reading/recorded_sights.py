@@ -73,7 +73,7 @@ def read_sights(path: Path, *, mode: str, wanted_s: Iterable[float]) -> Recorded
             if isinstance(record, Channel):
                 picker.channels[record.id] = record
             elif isinstance(record, Message):
-                picker.take(record)
+                picker.receive(record)
         if stream.end is not None and not stream.end.whole:
             found.problems.append(f"{path.name} is incomplete: {stream.end.reason}")
     except RecordingError as error:
@@ -105,13 +105,13 @@ class _Picker:
         self._recent: dict[tuple[str, str], deque[Message]] = {}
         self._picked: dict[str, int] = {}
 
-    def take(self, message: Message) -> None:
+    def receive(self, message: Message) -> None:
         channel = self.channels.get(message.channel_id)
         if channel is None:
             return
         part, sensor = channel.metadata.get("part"), channel.metadata.get("sensor", "")
         if part == "provenance":
-            self._take_provenance(sensor, message)
+            self._receive_provenance(sensor, message)
         elif part == "reading":
             source = channel.metadata.get("source", "")
             if source == self._perceived:
@@ -127,7 +127,7 @@ class _Picker:
     def _seconds(self, message: Message) -> float:
         return (message.log_time - self._sights.epoch_ns) / 1e9
 
-    def _take_provenance(self, sensor: str, message: Message) -> None:
+    def _receive_provenance(self, sensor: str, message: Message) -> None:
         try:
             fields = json.loads(message.data)
         except (ValueError, RecursionError):
@@ -165,5 +165,5 @@ class _Picker:
                 (source, sensor.split(" ", maxsplit=1)[0])
             )
             seq = provenance.get(f"given_{source}_seq")
-            matching = [one for one in recent or () if one.sequence == seq]
+            matching = [message for message in recent or () if message.sequence == seq]
             yield from (matching or list(recent or ())[-1:])[-1:]

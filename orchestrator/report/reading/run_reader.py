@@ -146,13 +146,13 @@ def read_run(folder: Path, entry: RunEntry, size: ImageSize) -> RunReport:
     wanted = () if at_s is None else tuple(at_s + offset_s for offset_s in STRIP_S)
     sights = read_sights(place / "run.mcap", mode=entry.mode, wanted_s=wanted)
     shown = decode_sights(sights, size, at_s=at_s)
-    has_images = any(isinstance(one.perceived, Frame) for one in shown)
+    has_images = any(isinstance(sight.perceived, Frame) for sight in shown)
     video, video_problems = _read_video(place / VIDEO)
     if not shown and wanted and video is not None:
         shown = video_sights(video, wanted, size)
     end_s = parts.log.images_end_s
-    ended = {one.wanted_s for one in shown if _had_ended(one, end_s)}
-    shown = [one for one in shown if one.wanted_s not in ended]
+    ended = {sight.wanted_s for sight in shown if _had_ended(sight, end_s)}
+    shown = [sight for sight in shown if sight.wanted_s not in ended]
     problems = (*entry.problems, *parts.problems, *sights.problems, *video_problems)
     files = tuple(sorted(path.name for path in place.iterdir() if path.is_file()))
     return RunReport(

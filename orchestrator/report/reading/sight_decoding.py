@@ -72,7 +72,9 @@ def _decode_sensor(
         try:
             perceived = _decode(sight.perceived, width_px, size.quality, epoch_ns)
             messages = sight.beside if is_main else ()
-            beside = [_decode(one, size.strip_px, size.quality, epoch_ns) for one in messages]
+            beside = [
+                _decode(message, size.strip_px, size.quality, epoch_ns) for message in messages
+            ]
         except (KeyError, ValueError, TypeError, AttributeError, cv2.error):
             continue  # a reading of another type, or of another program
         if perceived is None:

@@ -31,7 +31,7 @@ def motion_plots(
     subject: the judged vehicle. limits: of the campaign's oracles; those of its own are drawn.
     """
     poses = {name: found for name, found in poses.items() if found}
-    limits = [one for one in limits if one.vehicle == subject]
+    limits = [held_limit for held_limit in limits if held_limit.vehicle == subject]
     found = [
         _clearance_plot(poses, flight, subject, limits),
         _fence_plot(poses, flight),
@@ -44,7 +44,9 @@ def motion_plots(
 
 
 def _lines(signal: str, limits: Sequence[HeldLimit]) -> tuple[PlotLimit, ...]:
-    return tuple(dict.fromkeys(one.line for one in limits if one.signal == signal))
+    return tuple(
+        dict.fromkeys(held_limit.line for held_limit in limits if held_limit.signal == signal)
+    )
 
 
 def _clearance_plot(
@@ -79,8 +81,8 @@ def _fence_plot(poses: Poses, flight: JudgedFlight) -> Plot:
 
 
 def _height_plot(poses: Poses, subject: str, limits: Sequence[HeldLimit]) -> Plot:
-    own = [one for one in limits if one.signal == "up_m"]
-    partial = dict.fromkeys(one.oracle for one in own if not one.is_whole)
+    own = [held_limit for held_limit in limits if held_limit.signal == "up_m"]
+    partial = dict.fromkeys(held_limit.oracle for held_limit in own if not held_limit.is_whole)
     note = f"the limit of {', '.join(partial)} holds only in its interval" if partial else ""
     curves = tuple(curve_of(name, heights(found)) for name, found in poses.items())
     return Plot("height", "m", curves, _lines("up_m", own), note, subject)

@@ -43,9 +43,9 @@ class RecordedWorld:
             return []
         found = [self.judged[name] for name in self.gates if name in self.judged]
         places = [
-            obj.pose_at(0.0, events).compose(one.pose).position_ned_m
+            obj.pose_at(0.0, events).compose(opening.pose).position_ned_m
             for obj in found
-            for one in obj.shape.openings
+            for opening in obj.shape.openings
         ]
         target = goal.get("position")
         if isinstance(target, dict):

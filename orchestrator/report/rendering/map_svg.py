@@ -70,7 +70,7 @@ def map_svg(run: RunReport, view: View) -> Markup | None:
         *_grid(canvas),
         *_outlines(run, view, canvas),
         *_fences(run.world, view, side_axis, canvas),
-        *(_setpoint(one, run.tracks, view, side_axis, canvas) for one in run.commands),
+        *(_setpoint(command, run.tracks, view, side_axis, canvas) for command in run.commands),
         *(_track(track, view, side_axis, canvas) for track in run.tracks),
         *_labels(run, view, side_axis, canvas),
         *_markers(run.tracks, at_s, view, side_axis, canvas),
@@ -146,7 +146,7 @@ def _outlines(run: RunReport, view: View, canvas: _Canvas) -> Iterator[Markup]:
     """Yield the objects; from the side the farthest first, pale behind the path, open before it."""
     outlines = run.world.outlines
     if view == "above":
-        yield from (_outline(one, view, canvas, "") for one in outlines)
+        yield from (_outline(outline, view, canvas, "") for outline in outlines)
         return
     near_m, far_m = _path_depth_m(run)
     for one in sorted(outlines, key=lambda one: -one.depth_m[1]):
@@ -169,8 +169,8 @@ def _outline(outline: Outline, view: View, canvas: _Canvas, place: str) -> Marku
     kind = f"thing room {worlds}" if outline.is_room else f"thing {worlds} {place}".rstrip()
     fill = None if outline.is_room else "rgb({},{},{})".format(*outline.rgb)
     shapes = [
-        element("polygon", {"points": canvas.points(one), "fill": fill})
-        for one in _polygons(outline, view)
+        element("polygon", {"points": canvas.points(polygon), "fill": fill})
+        for polygon in _polygons(outline, view)
     ]
     route = outline.route_above_m if view == "above" else outline.route_side_m
     if route:

@@ -51,9 +51,9 @@ class CaseRow:
     is_control: bool = False
 
 
-def verdict_of(campaign: CampaignDocuments) -> Verdict:
+def verdict_of(documents: CampaignDocuments) -> Verdict:
     """Return the campaign's verdict in a word and in a sentence."""
-    summary = campaign.summary
+    summary = documents.summary
     if summary is None:
         text = (
             "The summary of this campaign is missing or damaged: the campaign may have been killed."
@@ -62,7 +62,7 @@ def verdict_of(campaign: CampaignDocuments) -> Verdict:
     totals = summary.totals
     required = required_text(summary.runs)
     counted = f"{required[0].upper()}{required[1:]}."
-    if summary.accepted is False and (why := _not_accepted_because(campaign, summary)):
+    if summary.accepted is False and (why := _not_accepted_because(documents, summary)):
         counted += f" Not accepted because {'; '.join(why)}."
     if others := [run.verdict == "PASS" for run in summary.runs if not run.required]:
         counted += f" Of the {len(others)} runs that are only reported, {sum(others)} passed."
@@ -80,21 +80,25 @@ def verdict_of(campaign: CampaignDocuments) -> Verdict:
     return Verdict("not accepted", "bad", counted)
 
 
-def _not_accepted_because(campaign: CampaignDocuments, summary: Summary) -> list[str]:
+def _not_accepted_because(documents: CampaignDocuments, summary: Summary) -> list[str]:
     """Return which required cases passed too rarely, and which controls were not met."""
     places = {(run.case, run.mode) for run in summary.runs if run.required}
-    wanted = [one for one in campaign.requirements if (one.case, one.mode) in places]
+    wanted = [
+        requirement
+        for requirement in documents.requirements
+        if (requirement.case, requirement.mode) in places
+    ]
     return [*shortfall_texts(summary.runs, wanted), *summary.unmet]
 
 
-def stand_in(campaign: CampaignDocuments) -> str:
+def stand_in(documents: CampaignDocuments) -> str:
     """Return the text that no hardware flew; empty where it did."""
-    return "" if campaign.summary is None else stand_in_text(campaign.summary)
+    return "" if documents.summary is None else stand_in_text(documents.summary)
 
 
-def limits(campaign: CampaignDocuments) -> list[str]:
+def limits(documents: CampaignDocuments) -> list[str]:
     """Return the limits of the verdict's validity, for the head of the page; sentences."""
-    summary = campaign.summary
+    summary = documents.summary
     if summary is None:
         return []
     found = [stand_in_text(summary)]
@@ -103,9 +107,9 @@ def limits(campaign: CampaignDocuments) -> list[str]:
     return [text for text in (*found, left_out_text(summary)) if text]
 
 
-def grounds(campaign: CampaignDocuments) -> list[tuple[str, str]]:
+def grounds(documents: CampaignDocuments) -> list[tuple[str, str]]:
     """Return the basis of the verdict: vehicles, sensors, evidence, mixture, controls."""
-    summary = campaign.summary
+    summary = documents.summary
     if summary is None:
         return []
     found = [("real vehicle", _real_text(summary)), ("clock", summary.clock)]
@@ -118,9 +122,9 @@ def grounds(campaign: CampaignDocuments) -> list[tuple[str, str]]:
     return found
 
 
-def cautions(campaign: CampaignDocuments) -> list[str]:
+def cautions(documents: CampaignDocuments) -> list[str]:
     """Return the caveats of a green result."""
-    summary = campaign.summary
+    summary = documents.summary
     if summary is None:
         return []
     found = [
@@ -134,22 +138,22 @@ def cautions(campaign: CampaignDocuments) -> list[str]:
     return found
 
 
-def case_rows(campaign: CampaignDocuments) -> list[CaseRow]:
+def case_rows(documents: CampaignDocuments) -> list[CaseRow]:
     """Return a row for each case and mode, the controls last."""
     groups: dict[tuple[str, str, bool], list[RunResult]] = {}
-    for entry in campaign.entries:
+    for entry in documents.entries:
         if entry.result is not None:
             is_control = entry.result.control is not None
             groups.setdefault((entry.case, entry.mode, is_control), []).append(entry.result)
-    rows = [_case_row(campaign, *key, runs) for key, runs in groups.items()]
+    rows = [_case_row(documents, *key, runs) for key, runs in groups.items()]
     return sorted(rows, key=lambda row: row.is_control)
 
 
 def _case_row(
-    campaign: CampaignDocuments, case: str, mode: str, is_control: bool, runs: Sequence[RunResult]
+    documents: CampaignDocuments, case: str, mode: str, is_control: bool, runs: Sequence[RunResult]
 ) -> CaseRow:
     passed = sum(run.verdict == "PASS" for run in runs)
-    required, verdict = _standing(campaign, case, mode, runs)
+    required, verdict = _standing(documents, case, mode, runs)
     badge = verdict
     if is_control:
         control = runs[0].control
@@ -157,10 +161,10 @@ def _case_row(
         verdict = runs[0].verdict
         badge = "met" if not any(run.went_wrong for run in runs) else verdict
     clearances = [
-        one.actual
+        oracle.actual
         for run in runs
-        for one in run.oracles
-        if one.name in _CONTACT and one.vehicle == run.subject and one.actual is not None
+        for oracle in run.oracles
+        if oracle.name in _CONTACT and oracle.vehicle == run.subject and oracle.actual is not None
     ]
     skews = [abs(run.sync.takeoff_skew_s) for run in runs if run.sync.takeoff_skew_s is not None]
     errors = [
@@ -177,7 +181,7 @@ def _case_row(
         required=required,
         verdict=verdict,
         clearance_m=number_text(min(clearances, default=None), digits=2),
-        skew_ms=number_text(max((1000.0 * one for one in skews), default=None), digits=0),
+        skew_ms=number_text(max((1000.0 * skew for skew in skews), default=None), digits=0),
         registration_px=number_text(max(errors, default=None), digits=1),
         badge=badge,
         is_control=is_control,
@@ -185,12 +189,14 @@ def _case_row(
 
 
 def _standing(
-    campaign: CampaignDocuments, case: str, mode: str, runs: Sequence[RunResult]
+    documents: CampaignDocuments, case: str, mode: str, runs: Sequence[RunResult]
 ) -> tuple[str, str]:
     """Return the required passes of a case and mode, and the verdict on them."""
     if not any(run.required for run in runs):
         return NOTHING, "reported"
-    places = {(one.case, one.mode): one for one in campaign.requirements}
+    places = {
+        (requirement.case, requirement.mode): requirement for requirement in documents.requirements
+    }
     wanted = places.get((case, mode)) or Requirement(case, mode, Share(len(runs), len(runs)))
     (standing,) = standings_of(runs, [wanted])
     verdict = row_verdict(standing, runs)
@@ -211,10 +217,10 @@ def _evidence_texts(runs: Iterable[RunResult]) -> Iterator[str]:
     """Yield a text per vehicle: the signals of required oracles, each in its worst run."""
     groups: dict[str, dict[tuple[str, str], list[EvidenceResult]]] = {}
     for run in runs:
-        for one in run.evidence:
-            if one.required:
-                signals = groups.setdefault(one.vehicle, {})
-                signals.setdefault((one.signal, one.source), []).append(one)
+        for result in run.evidence:
+            if result.required:
+                signals = groups.setdefault(result.vehicle, {})
+                signals.setdefault((result.signal, result.source), []).append(result)
     for vehicle, signals in groups.items():
         count = max(len(results) for results in signals.values())
         texts = [_signal_text(*key, results) for key, results in signals.items()]
@@ -223,7 +229,7 @@ def _evidence_texts(runs: Iterable[RunResult]) -> Iterator[str]:
 
 def _signal_text(signal: str, source: str, results: Sequence[EvidenceResult]) -> str:
     worst = max(results, key=lambda one: one.largest_gap_s)
-    bad = sum(one.verdict != "PASS" for one in results)
+    bad = sum(result.verdict != "PASS" for result in results)
     by = f" ({source})" if source else ""
     text = f"{signal}{by} {number_text(worst.largest_gap_s)} of {number_text(worst.limit_s, 's')}"
     return text + (f", NOT SUFFICIENT in {runs_text(bad)}" if bad else "")
@@ -233,21 +239,25 @@ def _mixture_texts(runs: Iterable[RunResult]) -> Iterator[str]:
     mixed = [run.mixing for run in runs if run.mixing is not None]
     if not mixed:
         return
-    frames, dropped = sum(one.frames for one in mixed), sum(one.dropped for one in mixed)
+    frames, dropped = (
+        sum(mixing_result.frames for mixing_result in mixed),
+        sum(mixing_result.dropped for mixing_result in mixed),
+    )
     errors = [
-        one.registration_error_px.p99
-        for one in mixed
-        if one.registration_error_px is not None and one.registration_error_px.p99 is not None
+        mixing_result.registration_error_px.p99
+        for mixing_result in mixed
+        if mixing_result.registration_error_px is not None
+        and mixing_result.registration_error_px.p99 is not None
     ]
     text = f"{frames} mixtures in {runs_text(len(mixed))}, {dropped} with something left out"
     if errors:
         text += f"; registration error below {number_text(max(errors), 'px', 1)} in 99 % of each"
     yield text
-    names = dict.fromkeys(name for one in mixed for name in one.shown)
+    names = dict.fromkeys(name for mixing_result in mixed for name in mixing_result.shown)
     for name in names:
-        seen = [one.shown[name] for one in mixed if name in one.shown]
-        in_view = sum(one.frames_in_view for one in seen)
-        shown = sum(one.frames_shown for one in seen)
+        seen = [mixing_result.shown[name] for mixing_result in mixed if name in mixing_result.shown]
+        in_view = sum(shown_result.frames_in_view for shown_result in seen)
+        shown = sum(shown_result.frames_shown for shown_result in seen)
         yield f"{name} shown in {shown} of the {in_view} mixtures with it in view"
 
 

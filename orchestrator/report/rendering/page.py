@@ -169,8 +169,12 @@ def render_run(
             role=role_of(run),
             mode_text=MODES.get(run.mode, ""),
             stand_in="" if run.mode == "sim" else stand_in,
-            virtual=[one.name for one in run.world.outlines if one.is_virtual and not one.is_room],
-            physical=[one.name for one in run.world.outlines if not one.is_virtual],
+            virtual=[
+                outline.name
+                for outline in run.world.outlines
+                if outline.is_virtual and not outline.is_room
+            ],
+            physical=[outline.name for outline in run.world.outlines if not outline.is_virtual],
             flown=[track.vehicle for track in run.tracks],
             subject="twin" if run.mode == "sim" else "real",
             maps=[found for view in ("above", "side") if (found := map_svg(run, view))],
@@ -210,28 +214,35 @@ def render_run(
 
 
 def render_page(
-    campaign: CampaignDocuments, sections: Iterable[str], pages: Sequence[RunPage], *, made_utc: str
+    documents: CampaignDocuments,
+    sections: Iterable[str],
+    pages: Sequence[RunPage],
+    *,
+    made_utc: str,
 ) -> str:
     """Return the whole page. sections: of plugins, as HTML."""
     return render_template(
         "page.html.j2",
         script="script.js",
-        campaign=campaign,
-        manifest=campaign.manifest,
+        campaign=documents,
+        manifest=documents.manifest,
         firmware=distinct(
-            one for entry in campaign.entries if entry.result for one in entry.result.firmware
+            flown_firmware
+            for entry in documents.entries
+            if entry.result
+            for flown_firmware in entry.result.firmware
         ),
-        verdict=overview.verdict_of(campaign),
-        grounds=overview.grounds(campaign),
-        cautions=overview.cautions(campaign),
-        rows=overview.case_rows(campaign),
+        verdict=overview.verdict_of(documents),
+        grounds=overview.grounds(documents),
+        cautions=overview.cautions(documents),
+        rows=overview.case_rows(documents),
         sections=[Markup(html) for html in sections],  # noqa: S704 - escaped, by hooks.Section
         pages=pages,
-        limits=overview.limits(campaign),
+        limits=overview.limits(documents),
         deciding=[page for page in pages if page.is_bad and page.decides],
         others=[page for page in pages if page.is_bad and not page.decides],
-        problems=campaign.problems,
-        document=_document_text(campaign),
+        problems=documents.problems,
+        document=_document_text(documents),
         made_utc=made_utc,
     )
 
@@ -280,7 +291,7 @@ def _frames(sight: Sight | None) -> list[Frame]:
     """Return the images of the moment: the perceived one, then those it was mixed from."""
     if sight is None:
         return []
-    return [one for one in (sight.perceived, *sight.beside) if isinstance(one, Frame)]
+    return [frame for frame in (sight.perceived, *sight.beside) if isinstance(frame, Frame)]
 
 
 def _link(run: str, name: str | None) -> str | None:
@@ -288,8 +299,8 @@ def _link(run: str, name: str | None) -> str | None:
     return None if name is None else "./" + quote(f"{run}/{name}")
 
 
-def _document_text(campaign: CampaignDocuments) -> str:
-    document = campaign.manifest.get("document")
+def _document_text(documents: CampaignDocuments) -> str:
+    document = documents.manifest.get("document")
     if document is None:
         return ""
     try:

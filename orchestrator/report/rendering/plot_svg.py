@@ -38,7 +38,7 @@ def _times(span_s: Point, zero_s: float, about: int) -> Scale:
 def plot_svg(plot: Plot, run: RunReport) -> Markup:
     """Return a plot: its value axis and its curves."""
     times, zero_s = time_scale(run), run.goal_s or 0.0
-    values = value_scale([*_values_of(plot), *(one.value for one in plot.limits)])
+    values = value_scale([*_values_of(plot), *(plot_limit.value for plot_limit in plot.limits)])
     children = [
         *_grid(times, values),
         *_stage_lines(run, times, zero_s),
@@ -55,7 +55,9 @@ def closeup_svg(closeup: Closeup, goal_s: float | None) -> Markup:
     """Return the close-up of a violation: limit, excess, crossing, and worst value."""
     plot, zero_s = closeup.plot, goal_s or 0.0
     times = _times(closeup.span_s, zero_s, 6)
-    values = value_scale([*_values_of(plot), *(one.value for one in plot.limits)], about=4)
+    values = value_scale(
+        [*_values_of(plot), *(plot_limit.value for plot_limit in plot.limits)], about=4
+    )
     worst_s, worst = closeup.worst
     spot = {
         "class": "worst",
@@ -190,7 +192,7 @@ def _curve(curve: Curve, times: Scale, values: Scale, zero_s: float) -> Markup:
         "path",
         {
             "class": f"curve {_subject(curve.subject)}",
-            "d": " ".join(f"M{points_text(_with_length(_bent(one)))}" for one in stretches),
+            "d": " ".join(f"M{points_text(_with_length(_bent(stretch)))}" for stretch in stretches),
             "data-name": curve.subject,
             "data-low": repr(values.low),
             "data-high": repr(values.high),

@@ -36,7 +36,7 @@ async def conduct(run: FlightParts) -> None:
     for context in run.pair.actors:
         _record_events(run, context)
     run.feed.attach(run.pair.contexts, run.oracle_runner, run.perception)
-    run.pair.guard.on_event(lambda event: _take_guard_event(run, event))
+    run.pair.guard.on_event(lambda event: _receive_guard_event(run, event))
     # Autopilots set their local origin anew at arming.
     run.run_state.on_stage(lambda stage, _: run.pair.send_anchors() if stage == "takeoff" else None)
     run_state, watchdog = run.run_state, run.watchdog
@@ -137,7 +137,9 @@ async def _flight(run: FlightParts) -> None:
 async def _fly_stages(run: FlightParts) -> None:
     """Fly the run's stages with the pair, and its actors meanwhile."""
     async with together() as tasks:
-        flying = [tasks.create_task(one.fly(), name=f"actor {one.name}") for one in run.actors]
+        flying = [
+            tasks.create_task(actor.fly(), name=f"actor {actor.name}") for actor in run.actors
+        ]
         await _fly_pair_stages(run)
         await stop(*flying)
 
@@ -148,22 +150,22 @@ async def _fly_pair_stages(run: FlightParts) -> None:
         run.pair.contexts,
         run_state=run.run_state,
         operator_hold=run.operator_hold,
-        sync=setup.campaign.sync,
-        heights_m={one.name: setup.height_m(one) for one in setup.vehicles},
+        sync=setup.case.sync,
+        heights_m={vehicle.name: setup.height_m(vehicle) for vehicle in setup.vehicles},
         liftoff_delays_s=setup.liftoff_delays_s,
         stagger=run.sync.stagger,
         before_arming=run.before_arming.apply,
         barrier=run.sync.check_takeoff,
         goal=run.goal.fly,
-        others_landed=[one.landed.wait for one in run.actors],
+        others_landed=[actor.landed.wait for actor in run.actors],
         arm=setup.order.arm,
     )
 
 
-def _take_guard_event(run: FlightParts, event: GuardEvent) -> None:
+def _receive_guard_event(run: FlightParts, event: GuardEvent) -> None:
     """Record a guard event in the run, and decide the run by it if it is decisive."""
     run.recorder.guard_event(event)
-    run.operator_hold.take(event)
+    run.operator_hold.receive(event)
     run.reporter.guard(event)
     run.feed.guard(event)
     if event.kind == "alone":
@@ -196,7 +198,7 @@ def _drop_out(run: FlightParts, event: GuardEvent) -> None:
     Before the takeoff no flight can continue, and without its actor a run proves nothing.
     """
     text = event.text + _last_texts(run, event)
-    is_actor = any(one.name == event.vehicle for one in run.actors)
+    is_actor = any(actor.name == event.vehicle for actor in run.actors)
     if run.run_state.reached("takeoff") and not is_actor:
         run.run_state.drop_out(event.vehicle, text)
     else:

@@ -82,7 +82,7 @@ class FenceChanges:
         self._idle.clear()
         self._requested.put_nowait(command)
 
-    def take(self, event: GuardEvent) -> None:
+    def receive(self, event: GuardEvent) -> None:
         """Process a guard event: its reply to a fence change, or the landing of all vehicles."""
         if event.kind in _LANDING:
             self._landing.set()
@@ -175,7 +175,9 @@ class FenceChanges:
         """Return the new fences of flying vehicles. Raises BadInput, VehicleError."""
         document = parse_fence_file(command.document.encode(), name="geofence")
         fences = changed_fences(document, self._frame, self._fences)
-        mine: dict[str, Fence] = {name: one for name, one in fences.items() if name in self._flying}
+        mine: dict[str, Fence] = {
+            name: fence for name, fence in fences.items() if name in self._flying
+        }
         if not mine:
             raise VehicleError(f"{' and '.join(fences)} is not in flight here")
         return mine

@@ -65,13 +65,13 @@ def operator_handler_of(
     fence_changes = FenceChanges(
         guard=pair.guard,
         onboard_fences=onboard_fences,
-        frame=setup.campaign.world.frame,
-        fences=dict(setup.campaign.fences.items()),
-        flying=tuple(one.name for one in setup.vehicles),
+        frame=setup.case.world.frame,
+        fences=dict(setup.case.fences.items()),
+        flying=tuple(vehicle.name for vehicle in setup.vehicles),
         changed=oracle_runner.change_fences,
         answer=answer,
     )
-    pair.guard.on_event(fence_changes.take)
+    pair.guard.on_event(fence_changes.receive)
     return OperatorHandler(
         inbox=inbox,
         guard=pair.guard,

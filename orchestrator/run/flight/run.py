@@ -120,9 +120,9 @@ class Flown:
                     fence_changes=tuple(ground.oracle_runner.fence_changes),
                     twin=None if ground.twin is None else ground.twin.result(),
                     losses=tuple(
-                        Loss(one.topic, one.offered, one.lost) for one in ground.recorder.losses
+                        Loss(loss.topic, loss.offered, loss.lost) for loss in ground.recorder.losses
                     ),
-                    actors=tuple(one.result() for one in ground.actors),
+                    actors=tuple(actor.result() for actor in ground.actors),
                     slow=_slow_autonomies(ground),
                     firmware=flown_firmware(ground.contexts, self._setup),
                     events=ground.events,
@@ -167,8 +167,8 @@ async def _fly_in_world(ground: GroundParts, inbox: Inbox, disturb: Disturb | No
 def _slow_autonomies(ground: GroundParts) -> tuple[SlowAutonomy, ...]:
     """Return the autonomies of a run that were slower than real time."""
     runners = () if ground.perception is None else ground.perception.runners.values()
-    found = (one.slow for one in runners if isinstance(one, AutonomyRunner))
-    return tuple(one for one in found if one is not None)
+    found = (runner.slow for runner in runners if isinstance(runner, AutonomyRunner))
+    return tuple(slow_autonomy for slow_autonomy in found if slow_autonomy is not None)
 
 
 def _report_unhandled(

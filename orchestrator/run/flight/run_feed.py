@@ -129,7 +129,7 @@ class RunFeed:
         setup, run_state, now_s = self._setup, self._run_state, self._time()
         first = run_state.decisive[0] if run_state.decisive else None
         oracle_runner, perception = self._oracle_runner, self._perception
-        fences: dict[str, Fence] = {str(name): one for name, one in setup.campaign.fences.items()}
+        fences: dict[str, Fence] = {str(name): one for name, one in setup.case.fences.items()}
         fences |= {} if oracle_runner is None else oracle_runner.changed_fences
         return RunView(
             run=str(setup.order.folder.absolute()),
@@ -143,7 +143,7 @@ class RunFeed:
             verdict_so_far="" if first is None else first.kind,
             reason="" if first is None else first.text,
             held=run_state.held,
-            vehicles=tuple(_vehicle_view(one, now_s) for one in self._contexts),
+            vehicles=tuple(_vehicle_view(context, now_s) for context in self._contexts),
             margins=()
             if oracle_runner is None
             else tuple(map(MarginView.of, oracle_runner.results(now_s))),

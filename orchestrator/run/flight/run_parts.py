@@ -71,17 +71,17 @@ def recorder_of(setup: RunSetup, run_state: RunState, kinds: Mapping[str, str]) 
         time=loop.time,
         epoch_s=epoch_s,
         # Under the wall clock the guard process logs the frames: its log survives a crash here.
-        vehicles=tuple(one.name for one in setup.guarded if setup.clock == "virtual"),
+        vehicles=tuple(flown.name for flown in setup.guarded if setup.clock == "virtual"),
         collision_oracles=frozenset(name for name, kind in kinds.items() if kind == "collision"),
         clock=setup.clock,
-        settings=recording_settings(setup.campaign.record),
+        settings=recording_settings(setup.case.record),
         broken=lambda why: run_state.decide("ERROR", why, source="recording"),
         facts=facts_of(setup),
         fault=run_state.fault,
         incomplete=lambda why: run_state.decide(
             "INVALID", why, source="recording", ends_flight=False
         ),
-        max_loss=setup.campaign.record.max_loss,
+        max_loss=setup.case.record.max_loss,
     )
 
 
@@ -128,9 +128,9 @@ def ground_parts(
     setup: RunSetup, run_state: RunState, report: Report, streams: ExitStack
 ) -> GroundParts:
     """Return the run's parts that exist before its vehicles; opens its recordings on `streams`."""
-    events = RunHistory({one.name: Track() for one in setup.actors})
+    events = RunHistory({actor.name: Track() for actor in setup.actors})
     judge = build_judge(setup, events)
-    kinds = {use.name: use.kind for use in (*setup.campaign.oracles, COLLISION_ALWAYS)}
+    kinds = {use.name: use.kind for use in (*setup.case.oracles, COLLISION_ALWAYS)}
     recorder = streams.enter_context(recorder_of(setup, run_state, kinds))
     run_state.on_stage(recorder.stage)
     run_state.on_decisive(recorder.decisive)
@@ -169,7 +169,7 @@ def ground_parts(
         oracle_runner=oracle_runner,
         external_io=external_io,
         recorder=recorder,
-        sync=Synchronisation(setup=setup.campaign.sync, run_state=run_state),
+        sync=Synchronisation(setup=setup.case.sync, run_state=run_state),
         twin=_twin_monitor(setup, run_state),
         reporter=reporter,
         preflight=Preflight(setup=setup, note=recorder.note),
@@ -184,7 +184,7 @@ def _twin_monitor(setup: RunSetup, run_state: RunState) -> TwinMonitor | None:
         return None
     return TwinMonitor(
         coupling=setup.vehicle("twin").coupling,
-        limit_m=setup.campaign.sync.max_twin_distance_m,
+        limit_m=setup.case.sync.max_twin_distance_m,
         max_gap_s=pair_gap_s(setup),
         run_state=run_state,
     )
@@ -195,7 +195,7 @@ def flight_parts(
 ) -> FlightParts:
     """Return the run with all its parts connected to the vehicles."""
     setup, run_state, recorder, sync = ground.setup, ground.run_state, ground.recorder, ground.sync
-    subject = next(one for one in pair.contexts if one.name == setup.subject)
+    subject = next(context for context in pair.contexts if context.name == setup.subject)
     run_state.last_note = lambda: subject.note
     ground.contexts = (*pair.contexts, *pair.actors)
     ground.external_io.attach(pair.contexts)
@@ -214,11 +214,11 @@ def flight_parts(
     sync.attach(pair.contexts)
     if ground.twin is not None and setup.companion is not None:
         ground.twin.attach(setup.companion, needed_by=perception.bound_to_twin)
-    pair.begin_outage(setup.campaign.links, run_state)
+    pair.begin_outage(setup.case.links, run_state)
     operator_hold = OperatorHold(run_state=run_state)
     ground.actors = _actor_flights(ground, pair, operator_hold)
     before_arming = _before_arming(ground, pair)
-    there: dict[str, Any] = {one.name: getattr(ground, one.name) for one in fields(ground)}
+    there: dict[str, Any] = {field.name: getattr(ground, field.name) for field in fields(ground)}
     there["perception"] = perception
     return FlightParts(
         **there,
@@ -228,7 +228,7 @@ def flight_parts(
         before_arming=before_arming,
         watchdog=Watchdog(
             run_state=run_state,
-            patience_s=stage_patience_s(setup.campaign.sync),
+            patience_s=stage_patience_s(setup.case.sync),
             pace=setup.pace,
         ),
         operator_handler=operator_handler_of(
@@ -248,14 +248,14 @@ def _lateness(setup: RunSetup, run_state: RunState) -> MachineLateness | None:
     """Return what measures how late the run's loop is; None where its clock waits for it."""
     if setup.clock != "wall":
         return None
-    remedy = remedy_of(virtual=all(one.embedded for one in setup.guarded))
+    remedy = remedy_of(virtual=all(flown.embedded for flown in setup.guarded))
     return MachineLateness(run_state=run_state, remedy=remedy)
 
 
 def _signal_faults(ground: GroundParts, pair: Pair) -> SignalFaults:
     """Return the run's signal faults, injected into the pair's pose sources."""
     faults = SignalFaults(
-        ground.setup.campaign.faults,
+        ground.setup.case.faults,
         run_state=ground.run_state,
         note=lambda text: ground.recorder.note("fault injected", fault=text),
     )
@@ -273,7 +273,7 @@ def _goal_flight(ground: GroundParts, pair: Pair, perception: Perception) -> Goa
         run_state=ground.run_state,
         events=ground.events,
         started=ground.sync.goal_given,
-        within_s=setup.campaign.sync.goal_timeout_s,
+        within_s=setup.case.sync.goal_timeout_s,
         companion=setup.companion,
         notify=partial(_world_event, ground.recorder, pair),
     )
@@ -318,7 +318,7 @@ def _actor_flights(
             context=context,
             run_state=ground.run_state,
             operator_hold=operator_hold,
-            sync=setup.campaign.sync,
+            sync=setup.case.sync,
             events=ground.events,
             report_pose=report_pose,
             send_anchors=pair.send_anchors,

@@ -141,7 +141,9 @@ class OracleRunner:
     def results(self, t_s: float) -> tuple[OracleResult, ...]:
         """Return the results so far of the oracles for which they cost little."""
         judge = self._judge
-        return tuple(judge.result_of(one, t_s) for one in judge.oracles if not one.is_costly)
+        return tuple(
+            judge.result_of(oracle, t_s) for oracle in judge.oracles if not oracle.is_costly
+        )
 
     def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Give the oracles changed fences of vehicles."""

@@ -58,7 +58,7 @@ def _pose_terms(setup: RunSetup, vehicle: VehicleSetup, oracles: Iterable[Oracle
         vehicle=vehicle.name,
         source=source,
         limit_s=_pose_limit_s(setup, vehicle),
-        required=any(_rests_on_pose(one, vehicle.name) for one in oracles),
+        required=any(_rests_on_pose(oracle, vehicle.name) for oracle in oracles),
         over_link=source in _OVER_LINK,
         on_grid=source == "simulator",
         by_estimate=source == "mavlink",
@@ -74,7 +74,9 @@ def _references(source: str) -> dict[str, Accuracy]:
     The velocity of an estimate is not compared with the simulator's ground truth: where the
     estimate steps, as estimators do, the judged truth is right, and its error is only reported.
     """
-    references = {name: _accuracy(one) for name, one in _SOURCES.items() if name != source}
+    references = {
+        name: _accuracy(pose_accuracy) for name, pose_accuracy in _SOURCES.items() if name != source
+    }
     if source == "simulator":
         references["mavlink"] = replace(references["mavlink"], velocity_m_s=None)
     return references
@@ -86,7 +88,7 @@ def _motion_terms(pose: SignalTerms, oracles: Iterable[Oracle]) -> Iterator[Sign
     Positions and velocities of a simulator's ground truth come from different parts of it. The
     velocity is always compared with the positions: it shows when these are frozen.
     """
-    using = [one for one in oracles if pose.vehicle in one.watches]
+    using = [oracle for oracle in oracles if pose.vehicle in oracle.watches]
     for part in get_args(MotionName):
         windows = [one.terms.window for one in using if part in one.motion]
         required = any(one.required and part in one.motion for one in using)
@@ -97,7 +99,7 @@ def _motion_terms(pose: SignalTerms, oracles: Iterable[Oracle]) -> Iterator[Sign
 
 
 def _report_terms(vehicle: VehicleSetup, oracles: Iterable[Oracle]) -> Iterator[SignalTerms]:
-    using = [one for one in oracles if one.vehicle == vehicle.name]
+    using = [oracle for oracle in oracles if oracle.vehicle == vehicle.name]
     for report, rate_hz in _rates(vehicle.rates).items():
         windows = [one.terms.window for one in using if report in one.reports]
         if not windows:
@@ -125,8 +127,8 @@ def _rates(rates: TelemetryRates) -> Mapping[ReportName, float]:
 def _widest(windows: Iterable[Window]) -> Window:
     """Return the evidence window from the earliest first to the latest last stage, until landed."""
     known = tuple(windows)
-    first = min((one.first for one in known), key=STAGES.index)
-    last = max((one.last for one in known), key=STAGES.index)
+    first = min((window.first for window in known), key=STAGES.index)
+    last = max((window.last for window in known), key=STAGES.index)
     return Window(first, "landed" if last == "end" else last)
 
 

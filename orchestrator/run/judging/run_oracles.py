@@ -36,15 +36,15 @@ def build_judge(setup: RunSetup, events: Mapping[str, float]) -> Judge:
             things=scene.names,
             probe_of=partial(_probe_of, scene, vehicle.body),
             gates=gates_of(scene),
-            route=setup.campaign.goal.gates,
-            target_ned_m=setup.campaign.goal.position_ned_m,
-            fence=setup.campaign.fences.get(vehicle.name),
-            frame=setup.campaign.world.frame,
+            route=setup.case.goal.gates,
+            target_ned_m=setup.case.goal.position_ned_m,
+            fence=setup.case.fences.get(vehicle.name),
+            frame=setup.case.world.frame,
             events=events,
         )
         for vehicle in setup.vehicles
     }
-    campaign = setup.campaign
+    campaign = setup.case
     oracles = build_oracles(campaign.oracles, contexts, collision_always=campaign.collision_always)
     return Judge(oracles, Evidence(signal_terms(setup, oracles)))
 
@@ -55,7 +55,7 @@ def _ground_down_m(setup: RunSetup, vehicle: VehicleSetup) -> float:
     It is what the world file states, else beneath the lowest floor of a room, else where the
     vehicle stands before it takes off.
     """
-    stated_m, floor_m = setup.campaign.world.ground_down_m, setup.judged_scene.floor_down_m
+    stated_m, floor_m = setup.case.world.ground_down_m, setup.judged_scene.floor_down_m
     if stated_m is not None:
         return stated_m
     return vehicle.start.position_ned_m[2] if floor_m is None else floor_m + _BENEATH_FLOOR_M

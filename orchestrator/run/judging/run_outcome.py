@@ -96,7 +96,7 @@ def result_of(
         wall_s=wall_s,
         oracles=oracles,
         sync=sync,
-        mixing=_mixing_result(mixings, named=named_objects(setup.campaign)),
+        mixing=_mixing_result(mixings, named=named_objects(setup.case)),
         collisions=collisions,
         outside=outside,
         artifacts=artifacts,
@@ -107,9 +107,7 @@ def result_of(
         decided_by=decision.source,
         note=note,
         trace=decision.trace,
-        not_judged=unjudged(
-            setup.campaign.oracles, collision_always=setup.campaign.collision_always
-        ),
+        not_judged=unjudged(setup.case.oracles, collision_always=setup.case.collision_always),
         control=control_of(plan, decision),
         exceptions=exceptions_of(run_state),
         twin=twin,
@@ -133,8 +131,12 @@ def _no_retry(decision: Decision, run_state: RunState, judge: Judge) -> str:
     if run_state.reached("done"):
         seen |= {event.source for event in decision.also}
         seen -= judge.landings if decision.verdict == "ERROR" else frozenset()
-    failures = (one for one in decision.also if one.kind == "FAIL" and one.source in seen)
-    return next((failed_too(one.text) for one in failures), "")
+    failures = (
+        decisive_event
+        for decisive_event in decision.also
+        if decisive_event.kind == "FAIL" and decisive_event.source in seen
+    )
+    return next((failed_too(failure.text) for failure in failures), "")
 
 
 def reason_of(decision: Decision, note: str) -> str:
@@ -161,7 +163,7 @@ def external_result(
 ) -> ExternalResult | None:
     """Return the run's results of external I/O; None without any."""
     runners = () if perception is None else perception.runners.values()
-    reporting = (one for one in runners if isinstance(one, AutonomyRunner | ForeignRunner))
+    reporting = (runner for runner in runners if isinstance(runner, AutonomyRunner | ForeignRunner))
     programs = tuple(ended for one in reporting if (ended := one.result) is not None)
     result = replace(external_io.result, programs=programs)
     return result if result.anything else None
@@ -193,11 +195,11 @@ def _unseen(combinations: tuple[CombinationResult, ...], named: set[str]) -> tup
     """Return the named virtual objects that were looked for and were in view of no mixture."""
     sought: set[str] = set()
     in_view: set[str] = set()
-    for one in combinations:
-        if one.frames_measured:
-            sought.update(one.shown, one.not_mixed)
-        in_view.update(name for name, each in one.shown.items() if each.frames_in_view)
-        in_view.update(name for name, count in one.not_mixed.items() if count)
+    for combination in combinations:
+        if combination.frames_measured:
+            sought.update(combination.shown, combination.not_mixed)
+        in_view.update(name for name, each in combination.shown.items() if each.frames_in_view)
+        in_view.update(name for name, count in combination.not_mixed.items() if count)
     return tuple(sorted((sought & named) - in_view))
 
 
@@ -213,11 +215,14 @@ def unmoved(
         return ()
     landed_s = entered_s.get("landed", done_s)
     return tuple(
-        one.name
-        for one in scene.objects
-        if one.motion is not None
+        scene_object.name
+        for scene_object in scene.objects
+        if scene_object.motion is not None
         and not _moves(
-            one, begin_s, landed_s if one.motion.start.waits_for == "done" else done_s, events
+            scene_object,
+            begin_s,
+            landed_s if scene_object.motion.start.waits_for == "done" else done_s,
+            events,
         )
     )
 

@@ -49,7 +49,7 @@ class MixingBudgetWatch:
     @property
     def loops(self) -> Sequence[MixingLoop]:
         """Return the mixing loops whose budgets are watched."""
-        return [one.loop for one in self._watched.values()]
+        return [watched_mixing.loop for watched_mixing in self._watched.values()]
 
     def frame(self, frame: MixedFrame) -> None:
         """Check a mixture against its budget."""
@@ -77,7 +77,7 @@ class MixingBudgetWatch:
         """Check a mixture's visibility of the virtual objects."""
         if loop.probe is None or frame.visibility is None:
             return
-        fault = loop.probe.coverage.take(frame.visibility)
+        fault = loop.probe.coverage.observe(frame.visibility)
         if fault is not None:
             self.note_breach(loop.name, fault.text + loop.probe.why_nothing())
 

@@ -140,7 +140,7 @@ class MixingLoop:
             most = _WAITING_BIG if is_big else _WAITING_SMALL
         else:
             most = _MOST_KEPT_BIG if is_big else _MOST_KEPT_SMALL
-        alike = [one for one in self._waiting if one.is_due is is_due]
+        alike = [waiting for waiting in self._waiting if waiting.is_due is is_due]
         if len(alike) < most:
             return
         if is_due:
@@ -271,7 +271,7 @@ class MixingLoop:
         return end_s(self._twin_readings[-1]) >= self._oldest_due_end_s() - _EARLY_S
 
     def _oldest_due_end_s(self) -> float:
-        return next(end_s(one.reading) for one in self._waiting if one.is_due)
+        return next(end_s(waiting.reading) for waiting in self._waiting if waiting.is_due)
 
     def _nearest(self, t_s: float) -> Reading | None:
         return min(self._twin_readings, key=lambda reading: abs(reading.t_s - t_s), default=None)

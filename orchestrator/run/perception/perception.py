@@ -88,7 +88,7 @@ class Perception:
     @property
     def bound_to_twin(self) -> tuple[str, ...]:
         """Return the mixings whose twin readings are taken from the twin's own pose."""
-        return tuple(one.name for one in self.mixings if one.mixer.pose_request is None)
+        return tuple(mixing.name for mixing in self.mixings if mixing.mixer.pose_request is None)
 
     @property
     def statistics(self) -> MixingStatistics | None:

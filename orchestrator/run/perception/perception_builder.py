@@ -148,11 +148,11 @@ class _PerceptionBuilder:
         self._perception.sources.extend(self._sources.values())
 
     def _mixers(self) -> tuple[Mixer, ...]:
-        if self._setup.campaign.recipe is None:
+        if self._setup.case.recipe is None:
             return ()
         ids = {thing.name: thing.object_id for thing in self._setup.virtual_scene.objects}
         watch = asyncio.get_running_loop().time if self._setup.clock != "virtual" else None
-        return compile_recipe(self._setup.campaign.recipe, object_ids=ids, stopwatch=watch)
+        return compile_recipe(self._setup.case.recipe, object_ids=ids, stopwatch=watch)
 
     def _mix(self, mixer: Mixer, name: str) -> None:
         real = _sensor_setup(self._setup.vehicle("real"), mixer.sensor)

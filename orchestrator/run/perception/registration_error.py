@@ -125,8 +125,10 @@ def no_accuracy_text(autopilot: Autopilot) -> str:
 
 
 def _camera_setup(vehicle: VehicleSetup, name: str) -> Pictured | None:
-    sensors = (one for one in vehicle.sensors if one.name == name)
-    return next((one for one in sensors if isinstance(one, CameraSetup | DepthSetup)), None)
+    sensors = (sensor for sensor in vehicle.sensors if sensor.name == name)
+    return next(
+        (sensor for sensor in sensors if isinstance(sensor, CameraSetup | DepthSetup)), None
+    )
 
 
 def _image_source_name(camera: Pictured) -> ShownAs:

@@ -75,8 +75,8 @@ class FollowRunner(CoupledRunner):
         self._leader = leader
         self._own: PoseSample | None = None
         self._leads: deque[PoseSample] = deque()
-        context.on_pose(self._take_own)
-        leader.on_pose(self._take_leader)
+        context.on_pose(self._receive_own)
+        leader.on_pose(self._receive_leader)
 
     async def fly(self) -> None:
         """Follow from now on until cancelled."""
@@ -87,10 +87,10 @@ class FollowRunner(CoupledRunner):
             tick = max(tick + 1, int((loop.time() - t0_s) * _RATE_HZ))
             await sleep_until(t0_s + tick / _RATE_HZ)
 
-    def _take_own(self, sample: PoseSample) -> None:
+    def _receive_own(self, sample: PoseSample) -> None:
         self._own = sample
 
-    def _take_leader(self, sample: PoseSample) -> None:
+    def _receive_leader(self, sample: PoseSample) -> None:
         self._leads.append(sample)
         while sample.t_s - self._leads[0].t_s > _OVER_S:
             self._leads.popleft()
@@ -122,7 +122,7 @@ class ShadowRunner(CoupledRunner):
         super().__init__(context=context)
         self._flies = False
         self._early: tuple[Setpoint, float] | None = None
-        leader.on_setpoint(self._take)
+        leader.on_setpoint(self._receive)
 
     async def fly(self) -> None:
         """Send the leader's setpoints until cancelled; first the one that came just before."""
@@ -136,7 +136,7 @@ class ShadowRunner(CoupledRunner):
         finally:
             self._flies, self._early = False, None
 
-    def _take(self, setpoint: Setpoint, now_s: float) -> None:
+    def _receive(self, setpoint: Setpoint, now_s: float) -> None:
         if self._flies:
             self._send(setpoint, now_s)
         else:
@@ -156,7 +156,7 @@ async def open_runners(
     cannot be started.
     """
     runners: dict[str, AnyRunner] = {}
-    under_test = setup.campaign.under_test
+    under_test = setup.case.under_test
     memory = MemoryMeter(under_test.limits)
     async with AsyncExitStack() as stack:
         if not under_test.has_runner:
@@ -213,7 +213,7 @@ def _coupled_runner(
 
 
 def _build_autonomy(setup: RunSetup, name: str, memory: MemoryMeter) -> Autonomy:
-    under_test = setup.campaign.under_test
+    under_test = setup.case.under_test
     try:
         built = call_autonomy(
             lambda: under_test.build(setup.seed),

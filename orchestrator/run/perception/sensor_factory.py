@@ -187,7 +187,7 @@ class SensorFactory:
             sensor.options,
             SensorSite(
                 side=vehicle.name,
-                frame=self._setup.campaign.world.frame,
+                frame=self._setup.case.world.frame,
                 noise=noise,
                 mount=(options_of(like, MountedOptions) or sensor.options).mounted,
                 caster=partial(self._caster, vehicle.name),

@@ -31,7 +31,7 @@ def decide_fault(run_state: RunState, vehicle: str, fault: AutonomyFault) -> Non
     """
     kind = "FAIL" if run_state.reached("goal") else fault.kind
     reason, source = f"the autonomy of {vehicle} {fault}", f"autonomy/{vehicle}"
-    known = ((one.text, one.source) for one in run_state.decisive)
+    known = ((decisive_event.text, decisive_event.source) for decisive_event in run_state.decisive)
     if fault.trace or (reason, source) not in known:
         run_state.decide(kind, reason, source=source, trace=fault.trace)
 

@@ -79,7 +79,7 @@ class VisibilityProbes:
         combination = mixer.combination
         setup = self._setup
         things = virtual_only(setup.real_scene, setup.virtual_scene)
-        virtual = sought_objects(combination, things, named_objects(setup.campaign))
+        virtual = sought_objects(combination, things, named_objects(setup.case))
         why = self._obstacle(combination, virtual, real, twin)
         if why:
             return NotMeasured(why)

@@ -40,7 +40,7 @@ class ActorWay:
         self._motion = motion
         begin, first = motion.begin.position_ned_m, motion.waypoints[0].position_ned_m
         self.climb_m = begin[2] - first[2]
-        corners = [begin, *(one.position_ned_m for one in motion.waypoints)]
+        corners = [begin, *(waypoint.position_ned_m for waypoint in motion.waypoints)]
         self._stretches = tuple(pairwise(corners))
 
     def pose_at(self, since_s: float) -> Pose:
@@ -63,7 +63,7 @@ class ActorWay:
         return self._motion.duration_s
 
     def _leg_at(self, since_s: float) -> Leg:
-        ends_later = (one for one in self._motion.legs if since_s < one.begin_s + one.duration_s)
+        ends_later = (leg for leg in self._motion.legs if since_s < leg.begin_s + leg.duration_s)
         return next(ends_later, self._motion.legs[-1])
 
     def distance_m(self, place_ned_m: Vec3) -> float:
@@ -152,7 +152,7 @@ class ActorFlight:
     def __post_init__(self) -> None:
         self._way = ActorWay(self.setup.motion)
         self._progress = ActorProgress(self._way)
-        self.context.on_pose(self._take)
+        self.context.on_pose(self._observe)
         self.context.driver.on_failure(lambda error: self._fail(str(error)))
 
     @property
@@ -291,7 +291,7 @@ class ActorFlight:
         reason = f"actor {self.name} {why}: the run did not fly what its world describes"
         self.run_state.decide("INVALID", reason, source=f"actor/{self.name}")
 
-    def _take(self, sample: PoseSample) -> None:
+    def _observe(self, sample: PoseSample) -> None:
         self._last = sample
         if self._delay_s is not None and not self.run_state.reached("land"):
             off_m = self._way.distance_m(sample.pose.position_ned_m)

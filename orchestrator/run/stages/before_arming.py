@@ -102,11 +102,11 @@ class BeforeArming:
         Raises VehicleError, FlightError with every reason of the preflight, SourceError,
         AnchorError.
         """
-        timeout_s = self._setup.campaign.sync.ready_timeout_s
+        timeout_s = self._setup.case.sync.ready_timeout_s
         flown = (*self._contexts, *self._actors)
         for actor in self._actors:
             with self._record.step("actor", actor.name):
-                await actor.driver.identify(self._setup.campaign.sync.identify_timeout_s)
+                await actor.driver.identify(self._setup.case.sync.identify_timeout_s)
                 await actor.driver.ready(timeout_s)
         require_distinct(flown)
         self._refuse_rivals()

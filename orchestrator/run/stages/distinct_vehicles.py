@@ -10,9 +10,9 @@ from wil_campaign.vehicles.driver.session.identity import same_vehicle
 
 def require_distinct(contexts: Iterable[VehicleContext]) -> None:
     """Refuse one vehicle on two links. Raises FlightError."""
-    for one, other in itertools.combinations(contexts, 2):
-        if same_vehicle(one.driver.identity, other.driver.identity):
+    for context, other in itertools.combinations(contexts, 2):
+        if same_vehicle(context.driver.identity, other.driver.identity):
             raise FlightError(
-                f"{one.name} and {other.name} are the same vehicle: both report the uid "
-                f"{one.driver.identity.uid}; check the addresses of their links"
+                f"{context.name} and {other.name} are the same vehicle: both report the uid "
+                f"{context.driver.identity.uid}; check the addresses of their links"
             )

@@ -65,7 +65,9 @@ class GoalFlight:
         await self.runners[self.subject].done.wait()
         self.run_state.enter("done")
         not_awaited = {self.subject, *self.run_state.dropped_out}
-        others = [one.done.wait() for name, one in self.runners.items() if name not in not_awaited]
+        others = [
+            runner.done.wait() for name, runner in self.runners.items() if name not in not_awaited
+        ]
         try:
             async with asyncio.timeout(_OTHERS_S):
                 await asyncio.gather(*others)

@@ -22,7 +22,9 @@ async def bring_down(pair: Pair, run_state: RunState) -> None:
         still = ", ".join(f"{name} ({phase.value})" for name, phase in guard.phases.items())
         run_state.decide("ERROR", f"not down {_ALL_DOWN_S:g} s after the guard took over: {still}")
         return
-    if run_state.reached("takeoff") and not any(one.driver.state.armed for one in pair.contexts):
+    if run_state.reached("takeoff") and not any(
+        context.driver.state.armed for context in pair.contexts
+    ):
         run_state.enter("landed")
 
 

@@ -25,7 +25,7 @@ class OperatorHold:
         self._changed = asyncio.Event()
         self.count = 0
 
-    def take(self, event: GuardEvent) -> None:
+    def receive(self, event: GuardEvent) -> None:
         """Process a guard event: a hold, or what ends it."""
         if event.kind == "hold":
             self._hold(event)

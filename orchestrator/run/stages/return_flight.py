@@ -25,14 +25,14 @@ def return_setup(setup: RunSetup, path: ReturnPath) -> RunSetup:
     """
     north_m, east_m, _ = path.start.position_ned_m
     place = {"north_m": north_m, "east_m": east_m, "up_m": path.altitude_m}
-    real = replace(setup.campaign.vehicles["real"], start=path.stand, sensors=())
+    real = replace(setup.case.vehicles["real"], start=path.stand, sensors=())
     campaign = replace(
-        setup.campaign,
+        setup.case,
         vehicles={"real": real},
         recipe=None,
         under_test=UnderTest(
             use="place",
-            folder=setup.campaign.under_test.folder,
+            folder=setup.case.under_test.folder,
             rate_hz=_RATE_HZ,
             parameters={"speed_m_s": path.speed_m_s, "yaw_deg": math.degrees(path.start.yaw_rad)},
             goal={"altitude_m": path.altitude_m, **place},
@@ -46,7 +46,7 @@ def return_setup(setup: RunSetup, path: ReturnPath) -> RunSetup:
     return replace(
         setup,
         order=replace(setup.order, plan=return_plan(setup.order.plan)),
-        campaign=campaign,
+        case=campaign,
         vehicles=(real,),
         actors=(),
         profiles={"real": setup.profiles["real"]},

@@ -93,7 +93,7 @@ class Synchronisation:
         return max(times_s.values()) - min(times_s.values())
 
     def _require(self, what: str, known: Iterable[str], event: str) -> None:
-        missing = [one.name for one in self._contexts if one.name not in set(known)]
+        missing = [context.name for context in self._contexts if context.name not in set(known)]
         if len(self._contexts) > 1 and missing:
             self._run_state.decide(
                 "INVALID",

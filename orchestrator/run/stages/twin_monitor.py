@@ -88,7 +88,7 @@ class TwinMonitor:
             t_s = self._waiting.popleft()
             real, twin = (self._place(context.poses, t_s) for context in contexts)
             if real is not None and twin is not None:
-                self._take(norm(subtract(real, twin)), t_s)
+                self._observe(norm(subtract(real, twin)), t_s)
             elif now_s - t_s < _WAIT_S:
                 self._waiting.append(t_s)
 
@@ -103,7 +103,7 @@ class TwinMonitor:
         share = (t_s - before[0]) / (after[0] - before[0])
         return before[1].interpolate(after[1], share).position_ned_m
 
-    def _take(self, distance_m: float, t_s: float) -> None:
+    def _observe(self, distance_m: float, t_s: float) -> None:
         self._due[t_s] = True
         self._distances_m.append(distance_m)
         if distance_m <= self._limit_m or self._is_beyond:

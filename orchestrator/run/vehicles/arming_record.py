@@ -37,10 +37,10 @@ class ArmingRecord:
         """Record whether the onboard configuration of an attached vehicle was restored."""
         self._note("restored", vehicle=vehicle, ok=ok)
         self._steps = [
-            replace(one, restored=ok)
-            if one.vehicle == vehicle and one.step in {"parameters", "fence"}
-            else one
-            for one in self._steps
+            replace(arming_step, restored=ok)
+            if arming_step.vehicle == vehicle and arming_step.step in {"parameters", "fence"}
+            else arming_step
+            for arming_step in self._steps
         ]
 
     def _add(self, name: StepName, vehicle: str, *, ok: bool, text: str) -> None:

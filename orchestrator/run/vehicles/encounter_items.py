@@ -15,12 +15,12 @@ def encounter_items(setup: RunSetup, contexts: Iterable[VehicleContext]) -> Iter
 
     contexts: of all vehicles that fly.
     """
-    places_deg = {one.name: one.driver.place_deg for one in contexts}
-    for one in encounters(setup.campaign, setup.mode):
-        name, other = one.actor.name, one.other.name
-        yield separation_item(name, other, one.apart_m, one.needed_m)
+    places_deg = {context.name: context.driver.place_deg for context in contexts}
+    for encounter in encounters(setup.case, setup.mode):
+        name, other = encounter.actor.name, encounter.other.name
+        yield separation_item(name, other, encounter.apart_m, encounter.needed_m)
         measured_m = _distance_m(places_deg[name], places_deg[other])
-        yield distance_item(name, other, measured_m, stated_m=one.stated_m)
+        yield distance_item(name, other, measured_m, stated_m=encounter.stated_m)
 
 
 def _distance_m(one: tuple[float, float] | None, other: tuple[float, float] | None) -> float | None:

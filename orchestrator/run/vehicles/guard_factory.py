@@ -59,16 +59,16 @@ def guard_of(
             autopilot=autopilot_named(vehicle.autopilot),
             target=Target(vehicle.system_id),
             # An actor follows its motion: the limits are for the autonomy under test.
-            limits=None if vehicle in setup.actors else setup.campaign.limits,
+            limits=None if vehicle in setup.actors else setup.case.limits,
             attached=vehicle.attached is not None,
-            gcs=setup.clock != "virtual" and vehicle.name in setup.campaign.gcs,
-            fence=setup.campaign.fences.get(vehicle.name),
+            gcs=setup.clock != "virtual" and vehicle.name in setup.case.gcs,
+            fence=setup.case.fences.get(vehicle.name),
             lands_alone=_lands_alone(setup, vehicle) and vehicle.name != leader,
             abandoned_when_lost=_is_abandoned_when_lost(setup, vehicle) and vehicle.name != leader,
         )
         for vehicle in setup.guarded
     }
-    guard_settings = setup.campaign.guarding
+    guard_settings = setup.case.guarding
     settings = GuardSettings(
         keep_m=guard_settings.keep_m,
         latency_s=guard_settings.latency_s,
@@ -82,20 +82,20 @@ def guard_of(
         campaign=str((setup.order.campaign or setup.order.folder).absolute()),
         epoch_s=time.time() - asyncio.get_running_loop().time(),
         vehicles={
-            one.name: Guarded(
-                vehicle=guarded[one.name],
-                link=_address(one, prepared),
-                patient=one.launch is not None,
-                gcs=setup.campaign.gcs.get(one.name, ""),
-                spares=tuple(map(str, one.spares)),
-                conditions=conditions_of(setup, one),
+            flown.name: Guarded(
+                vehicle=guarded[flown.name],
+                link=_address(flown, prepared),
+                patient=flown.launch is not None,
+                gcs=setup.case.gcs.get(flown.name, ""),
+                spares=tuple(map(str, flown.spares)),
+                conditions=conditions_of(setup, flown),
             )
-            for one in setup.guarded
+            for flown in setup.guarded
         },
         settings=replace(settings, orchestrator_silent_s=HANGING_S * setup.pace),
         pace=pace,
     )
-    fed = [one.name for one in setup.guarded if one.embedded]
+    fed = [flown.name for flown in setup.guarded if flown.embedded]
     guard = RemoteGuard(guard_config=guard_config, record=record, fed=fed)
     backend = SubprocessBackend(setup, guard, prepared)
     return guard, backend, {name: guard.link(name) for name in guarded}
@@ -120,12 +120,12 @@ def _pace_of(setup: RunSetup) -> PaceSetup | None:
     """
     if setup.clock != "scaled":
         return None
-    launched = tuple(one.name for one in setup.guarded if one.launch is not None)
+    launched = tuple(flown.name for flown in setup.guarded if flown.launch is not None)
     return PaceSetup(
         nominal=setup.pace,
         leader=next(iter(launched), None),
         launched=launched,
-        followers=tuple(one.name for one in setup.guarded if one.embedded),
+        followers=tuple(flown.name for flown in setup.guarded if flown.embedded),
     )
 
 
@@ -138,7 +138,7 @@ def _address(vehicle: FlownSetup, prepared: Mapping[str, PreparedLaunch]) -> str
 
 def conditions_of(setup: RunSetup, vehicle: FlownSetup) -> LinkConditions:
     """Return the link conditions between guard and vehicle, by the run's seed."""
-    link = setup.campaign.links.get(vehicle.name, LinkSetup())
+    link = setup.case.links.get(vehicle.name, LinkSetup())
     return LinkConditions(
         outgoing=link.outgoing,
         incoming=link.incoming,

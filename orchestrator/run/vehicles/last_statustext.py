@@ -19,7 +19,7 @@ def last_statustext(pair: Pair, event: GuardEvent, *, armed_s: float | None) -> 
     )
     if context is None or event.kind not in {"lost", "failsafe", "alone"}:
         return ""
-    recent = [one for one in context.driver.state.texts if armed_s is None or one.t_s >= armed_s]
+    recent = [text for text in context.driver.state.texts if armed_s is None or text.t_s >= armed_s]
     texts = [_with_age(statustext, event.t_s) for statustext in recent[-_LAST_TEXTS:]]
     return f"; its last STATUSTEXT: {' | '.join(texts)}" if texts else ""
 

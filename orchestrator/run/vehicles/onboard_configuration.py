@@ -95,8 +95,8 @@ class OnboardConfiguration:
         """
         results = await asyncio.gather(
             *(
-                self._restore_vehicle(name, one, at_rest=name in at_rest)
-                for name, one in self._restorations.items()
+                self._restore_vehicle(name, restoration, at_rest=name in at_rest)
+                for name, restoration in self._restorations.items()
             ),
             return_exceptions=True,
         )
@@ -107,7 +107,7 @@ class OnboardConfiguration:
 
     async def fetch_logs(self) -> None:
         """Fetch each vehicle's newest log into the run's folder; failures are noted."""
-        if self._setup.campaign.record.vehicle_logs:
+        if self._setup.case.record.vehicle_logs:
             fetches = map(self._fetch_log, self._contexts)
             for result in await asyncio.gather(*fetches, return_exceptions=True):
                 if result is not None:
@@ -207,7 +207,7 @@ async def _fetch_newest_log(context: VehicleContext, folder: Path) -> str:
         entries = await logs.list()
         if not entries:
             return "the vehicle has no log"
-        newest = next((one for one in reversed(entries) if one.size_bytes > 0), None)
+        newest = next((entry for entry in reversed(entries) if entry.size_bytes > 0), None)
         if newest is None:
             return f"all {len(entries)} logs of the vehicle are empty"
         file = await logs.fetch(newest, folder, name=context.name)

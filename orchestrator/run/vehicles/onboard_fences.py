@@ -48,7 +48,11 @@ def onboard_fence_of(
     """
     areas = [
         *_inclusion(fence.inclusions, here_m, margin_m, locate),
-        *(one for area in fence.exclusions for one in _exclusion(area, margin_m, locate)),
+        *(
+            fence_polygon
+            for area in fence.exclusions
+            for fence_polygon in _exclusion(area, margin_m, locate)
+        ),
     ]
     ceiling_m = None
     if fence.ceiling_up_m is not None:
@@ -129,7 +133,7 @@ class OnboardFences:
 
         restoration: gives an attached vehicle its own fence back. Raises VehicleError.
         """
-        if self._setup.campaign.preflight.fence is None:
+        if self._setup.case.preflight.fence is None:
             return "none uploaded: preflight.fence is null"
         vehicle = self._setup.flown(context.name)
         attached = vehicle.attached is not None
@@ -141,7 +145,7 @@ class OnboardFences:
         )
         if attached:
             await restoration.enter(onboard)
-        fence = self._setup.campaign.fences.get(vehicle.name)
+        fence = self._setup.case.fences.get(vehicle.name)
         self._ceilings_m[context.name] = ceiling_above_home_m(self._setup, vehicle)
         text = "none: the campaign has no fence for this vehicle"
         if fence is not None:
@@ -165,7 +169,7 @@ class OnboardFences:
         Raises VehicleError of the first upload that fails; then, and when cancelled, `restore` has
         to be called, otherwise `confirm`.
         """
-        if self._setup.campaign.preflight.fence is None:
+        if self._setup.case.preflight.fence is None:
             return
         for name in fences:
             if name not in self._onboard:
@@ -221,7 +225,7 @@ class OnboardFences:
         ceiling_m = ceiling_above_home_m(self._setup, vehicle, fence)
         if ceiling_m is None or (before_m is not None and ceiling_m >= before_m):
             return {}
-        if "return_altitude" in self._setup.campaign.preflight.override:
+        if "return_altitude" in self._setup.case.preflight.override:
             return {}
         driver = context.driver
         lower = await lower_return(
@@ -238,7 +242,7 @@ class OnboardFences:
     def _onboard_fence(
         self, context: VehicleContext, fence: Fence, here_m: Point2
     ) -> AutopilotFence:
-        wider = self._setup.campaign.preflight.fence
+        wider = self._setup.case.preflight.fence
 
         def locate(point_m: Point2) -> Place:
             place = context.driver.place_of((*point_m, 0.0))

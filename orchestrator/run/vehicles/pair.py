@@ -108,9 +108,9 @@ async def open_pair(
             if vehicle.reports_accuracy and vehicle.name == "real":
                 context.driver.request_accuracy()
             if vehicle.requests_truth:
-                context.driver.on_truth(context.take_simulator)
-            if not captures.listen(vehicle.name, context.take_mocap):
-                feed.on_mocap(context.take_mocap)
+                context.driver.on_truth(context.receive_simulator)
+            if not captures.listen(vehicle.name, context.receive_mocap):
+                feed.on_mocap(context.receive_mocap)
         actors: list[VehicleContext] = []
         for actor in setup.actors:
             context = _vehicle_context(setup, actor, links[actor.name])
@@ -118,7 +118,7 @@ async def open_pair(
             await stack.enter_async_context(context.driver)
             _connect_actor(context, feed, guard)
             if actor.requests_truth:
-                context.driver.on_truth(context.take_simulator)
+                context.driver.on_truth(context.receive_simulator)
             actors.append(context)
         backend.all_started()
         yield Pair(tuple(contexts), feeds, guard, links, tuple(actors))
@@ -152,8 +152,8 @@ def _clock_drift(setup: RunSetup, vehicle: FlownSetup) -> float:
 
 
 def _connect_vehicle(context: VehicleContext, feed: Feed, guard: Guard, *, truth_hz: float) -> None:
-    context.driver.on_estimate(context.take_estimate)
-    feed.on_truth(context.take_truth, truth_hz)
+    context.driver.on_estimate(context.receive_estimate)
+    feed.on_truth(context.receive_truth, truth_hz)
     context.on_pose(guard.position)
 
 
@@ -162,8 +162,8 @@ def _connect_actor(context: VehicleContext, feed: Feed, guard: Guard) -> None:
 
     def take(truth: TruthSample) -> None:
         t_s = truth.t_s
-        context.take_simulator(EstimateSample(t_s, t_s, t_s, truth.pose, truth.velocity_ned_m_s))
+        context.receive_simulator(EstimateSample(t_s, t_s, t_s, truth.pose, truth.velocity_ned_m_s))
 
-    context.driver.on_estimate(context.take_estimate)
+    context.driver.on_estimate(context.receive_estimate)
     feed.on_truth(take, _UNJUDGED_TRUTH_HZ)
     context.on_pose(guard.position)

@@ -75,7 +75,7 @@ class Preflight:
 
         contexts: of the pair. Raises FlightError with every reason against arming.
         """
-        wanted = self._setup.campaign.preflight
+        wanted = self._setup.case.preflight
         items = [disk_item(self._setup.order.folder, wanted.min_disk_mb)]
         flown = (*contexts, *actors)
         await _await_positions(flown)
@@ -83,7 +83,7 @@ class Preflight:
             items += await self._vehicle(context)
         items += self._pair(contexts)
         items += encounter_items(self._setup, flown)
-        items += itertools.starmap(permitted_item, self._setup.campaign.permits.items())
+        items += itertools.starmap(permitted_item, self._setup.case.permits.items())
         self.items = settled(items, wanted.override)
         for item in self.items:
             self._note("preflight", **asdict(item))
@@ -94,8 +94,8 @@ class Preflight:
 
     async def _vehicle(self, context: VehicleContext) -> Iterable[Item]:
         setup, name = self._setup, context.name
-        wanted, vehicle = setup.campaign.preflight, setup.flown(name)
-        state, fence = context.driver.state, setup.campaign.fences.get(vehicle.name)
+        wanted, vehicle = setup.case.preflight, setup.flown(name)
+        state, fence = context.driver.state, setup.case.fences.get(vehicle.name)
         battery = None if state.battery is None else state.battery.remaining
         position = _position(context)
         uncertainty_s = context.driver.clock.uncertainty_s
@@ -117,9 +117,9 @@ class Preflight:
             ),
         ]
         if fence is not None:
-            items.append(home_item(name, fence, position, setup.campaign.guarding.keep_m))
+            items.append(home_item(name, fence, position, setup.case.guarding.keep_m))
         context.driver.parameter_digest.settle()
-        if (version := setup.campaign.firmware.get(name)) is not None:
+        if (version := setup.case.firmware.get(name)) is not None:
             identity = context.driver.identity
             found = fits(version, identity.version_text, identity.git_hash)
             flown = firmware_of(context, setup).release
@@ -131,7 +131,7 @@ class Preflight:
 
         A simulated vehicle flies by its estimate, also where it is judged by its truth.
         """
-        wanted, name = self._setup.campaign.preflight, context.name
+        wanted, name = self._setup.case.preflight, context.name
         if context.pose_source == "mocap":
             age_s = context.poses.at(asyncio.get_running_loop().time()).gap_s
             rate_hz = context.poses.rate_hz(_RATE_OVER_S)
@@ -175,10 +175,10 @@ class Preflight:
         for rule in FAILSAFES[autopilot]:
             if rule.counts(values):
                 values |= await first_known(parameters, rule.names)
-        names = tuple(one.name for one in RETURN_ALTITUDES[autopilot])
+        names = tuple(parameter.name for parameter in RETURN_ALTITUDES[autopilot])
         ceiling_m = ceiling_above_home_m(self._setup, vehicle)
         faults = [*unsound(autopilot, values, pace=vehicle.launch_pace or 1.0)]
-        fence = self._setup.campaign.fences.get(vehicle.name)
+        fence = self._setup.case.fences.get(vehicle.name)
         if fence is not None:
             known = partial(first_known, parameters)
             faults += await return_faults(context, fence, values, known)
@@ -196,7 +196,7 @@ class Preflight:
         identity = context.driver.identity
         autopilot = autopilot_named(identity.autopilot)
         name = autopilot.least_takeoff_parameter(identity.version)
-        pair = {one.name: one for one in self._setup.vehicles}
+        pair = {vehicle.name: vehicle for vehicle in self._setup.vehicles}
         if name is None or context.name not in pair:
             return ()
         known = await first_known(context.driver.parameters, [name])
@@ -210,7 +210,7 @@ class Preflight:
         if len(contexts) < 2:
             return ()
         real, twin = [_from_start(context, _position(context)) for context in contexts]
-        return (pair_item(real, twin, self._setup.campaign.preflight.pair_tolerance_m),)
+        return (pair_item(real, twin, self._setup.case.preflight.pair_tolerance_m),)
 
 
 async def first_known(parameters: Parameters, names: Iterable[str]) -> dict[str, float]:
@@ -246,11 +246,11 @@ async def lower_return(
     autopilot: AutopilotName, parameters: Parameters, *, ceiling_m: float
 ) -> dict[str, ParameterValue]:
     """Return the parameters that make an autopilot return beneath a ceiling; empty if set."""
-    for one in RETURN_ALTITUDES[autopilot]:
-        for name, value in (await first_known(parameters, [one.name])).items():
-            if value * one.metres <= ceiling_m:
+    for parameter in RETURN_ALTITUDES[autopilot]:
+        for name, value in (await first_known(parameters, [parameter.name])).items():
+            if value * parameter.metres <= ceiling_m:
                 return {}
-            beneath = ceiling_m * _OF_CEILING / one.metres
+            beneath = ceiling_m * _OF_CEILING / parameter.metres
             # Centimetres in whole numbers: 1.8 m is 179.999... of them in floats.
             return {name: int(round(beneath, 6)) if isinstance(value, int) else beneath}
     return {}
@@ -261,7 +261,7 @@ def sets_failsafes(setup: RunSetup, vehicle: FlownSetup) -> bool:
 
     Failsafes that are not set are checked.
     """
-    how = setup.campaign.preflight.failsafe
+    how = setup.case.preflight.failsafe
     return how == "set" or (how is None and vehicle.attached is None)
 
 
@@ -272,7 +272,7 @@ def ceiling_above_home_m(
 
     changed: the fence in place of the campaign's.
     """
-    fence = changed or setup.campaign.fences.get(vehicle.name)
+    fence = changed or setup.case.fences.get(vehicle.name)
     if fence is None or fence.ceiling_up_m is None:
         return None
     return fence.ceiling_up_m + vehicle.start.position_ned_m[2]
@@ -311,7 +311,7 @@ async def _await_positions(contexts: Iterable[VehicleContext]) -> None:
     """Wait for the first poses before the checks: they begin once the frame is anchored."""
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + _FIRST_POSE_S
-    while any(_position(one) is None for one in contexts) and loop.time() < deadline_s:  # noqa: ASYNC110 - a history has no event
+    while any(_position(context) is None for context in contexts) and loop.time() < deadline_s:  # noqa: ASYNC110 - a history has no event
         await asyncio.sleep(_POLL_S)
 
 

@@ -52,7 +52,7 @@ async def start_simulators(name: str, prepared: PreparedLaunch, guard: RemoteGua
 
 def _at_start(launch: SitlLaunch, setup: RunSetup, vehicle: FlownSetup) -> SitlLaunch:
     """Return the simulator's launch at the vehicle's start in the world."""
-    place = setup.campaign.world.frame.to_geodetic(vehicle.start.position_ned_m)
+    place = setup.case.world.frame.to_geodetic(vehicle.start.position_ned_m)
     home = Home(
         latitude_deg=place.latitude_deg,
         longitude_deg=place.longitude_deg,

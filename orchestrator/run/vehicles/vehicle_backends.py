@@ -89,7 +89,7 @@ class InProcessBackend:
 
     async def start(self, stack: AsyncExitStack, vehicle: FlownSetup) -> EmbeddedVehicle:
         """Start the vehicle in this loop."""
-        setup, frame = self._setup, self._setup.campaign.world.frame
+        setup, frame = self._setup, self._setup.case.world.frame
         embedded = EmbeddedVehicle(
             config=EmbeddedConfig(
                 autopilot=vehicle.autopilot,
@@ -117,7 +117,7 @@ class InProcessBackend:
             scene=setup.real_scene,
             body=setup.vehicle("real").body,
             tracks=self._tracks,
-            without=ground_objects(setup.campaign.oracles),
+            without=ground_objects(setup.case.oracles),
         )
 
     def all_started(self) -> None:
@@ -182,7 +182,7 @@ class SubprocessBackend:
         return feed
 
     def _settings(self, vehicle: FlownSetup) -> ProcessSettings:
-        setup, frame = self._setup, self._setup.campaign.world.frame
+        setup, frame = self._setup, self._setup.case.world.frame
         north_m, east_m, down_m = vehicle.start.position_ned_m
         return ProcessSettings(
             autopilot=vehicle.autopilot,
@@ -216,7 +216,7 @@ class SubprocessBackend:
         if world is None:
             return None
         # That process does not know the actors' poses; the oracles judge contacts with them.
-        actors = [one.name for one in setup.actors]
+        actors = [actor.name for actor in setup.actors]
         return ContactWorldSettings(
             use="wil_campaign.vehicles.embedded.physics.contact_world:from_argument",
             argument=as_argument(
@@ -224,7 +224,7 @@ class SubprocessBackend:
                 setup.mode,
                 "W",
                 body=setup.vehicle("real").body,
-                without=[*actors, *ground_objects(setup.campaign.oracles)],
+                without=[*actors, *ground_objects(setup.case.oracles)],
             ),
         )
 

@@ -48,7 +48,7 @@ def consent_at_bench(bench: Bench, request: ConsentAsked) -> ConsentAnswer:
     except RefusedError as error:
         err(f"{what}: {error}")
         return ConsentAnswer(f"bench {bench.name}: {error}", error.code)
-    is_hardware = not all(one.identity.simulation for one in found)
+    is_hardware = not all(vehicle.identity.simulation for vehicle in found)
     return ConsentAnswer(
         code=0,
         real_kind="hardware" if is_hardware else "sitl",

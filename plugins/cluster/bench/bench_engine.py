@@ -74,7 +74,7 @@ class HiredBench:
 
 @contextmanager
 def bench_of_cluster(
-    address: str, campaign: Document, request: BenchRequestPart, say: Callable[[str], None]
+    address: str, file: Document, request: BenchRequestPart, say: Callable[[str], None]
 ) -> Iterator[HiredBench]:
     """Join a cluster and reserve the bench that a campaign requests, until the context ends.
 
@@ -82,7 +82,7 @@ def bench_of_cluster(
     """
     with running_ray(address) as ray:
         due_s = time.monotonic() + request.wait_s
-        name = await_bench(ray, campaign, request, say)
+        name = await_bench(ray, file, request, say)
         hired = hire_bench(ray, name, max(0.0, due_s - time.monotonic()))
         try:
             yield hired
@@ -92,20 +92,20 @@ def bench_of_cluster(
 
 
 def await_bench(
-    ray: Any, campaign: Document, request: BenchRequestPart, say: Callable[[str], None]
+    ray: Any, file: Document, request: BenchRequestPart, say: Callable[[str], None]
 ) -> str:
     """Return the name of the requested bench, once the cluster has it. Raises BadInput."""
     due_s = time.monotonic() + request.wait_s
     is_waiting = False
     while True:
         there = announced_benches(ray.nodes())
-        name = chosen_bench(campaign, request, there)
+        name = chosen_bench(file, request, there)
         if name is not None:
             return name
         if time.monotonic() >= due_s:
-            raise missing_bench(campaign, request, there)
+            raise missing_bench(file, request, there)
         if not is_waiting:
-            names = ", ".join(sorted(str(one.facts) for one in there)) or "none"
+            names = ", ".join(sorted(str(bench.facts) for bench in there)) or "none"
             say(f"waiting up to {request.wait_s:g} s for the bench; the cluster has {names}")
             is_waiting = True
         time.sleep(min(_POLL_S, max(0.0, due_s - time.monotonic())))

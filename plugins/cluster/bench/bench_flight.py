@@ -56,9 +56,13 @@ def ready_on_bench(
         here = replace(selection, benches=(hired.bench,))
         campaign = load_selected(file, here, options)
         clock_for(campaign, "wall")
-        others = [one for one in attached_vehicles(campaign) if one.name != "real"]
+        others = [
+            attached_vehicle
+            for attached_vehicle in attached_vehicles(campaign)
+            if attached_vehicle.name != "real"
+        ]
         if others:
-            names = " and ".join(f"{one.name} ({one.attached})" for one in others)
+            names = " and ".join(f"{flown.name} ({flown.attached})" for flown in others)
             raise RefusedError(f"{names}: a bench has one vehicle, the real one", REFUSED)
         cleared = _clear_at_bench(campaign, hired, arm=options.arm)
         yield campaign, replace(cleared, engine=hired.engine(through))

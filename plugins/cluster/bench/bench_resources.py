@@ -52,34 +52,34 @@ def announced_benches(nodes: Iterable[Mapping[str, Any]]) -> list[AnnouncedBench
             name = resource.removeprefix(_BENCH)
             start = f"{_PROPERTY}{name}:"
             texts = (one.removeprefix(start) for one in resources if one.startswith(start))
-            properties: dict[str, PropertyValue] = dict(json.loads(unquote(one)) for one in texts)
+            properties: dict[str, PropertyValue] = dict(json.loads(unquote(text)) for text in texts)
             where = str(node.get("NodeManagerHostname") or node.get("NodeManagerAddress"))
             benches.append(AnnouncedBench(BenchFacts(name, properties), where))
     return benches
 
 
 def chosen_bench(
-    campaign: Document, request: BenchRequestPart, there: Sequence[AnnouncedBench]
+    file: Document, request: BenchRequestPart, there: Sequence[AnnouncedBench]
 ) -> str | None:
     """Return the name of the bench that fits a request, the first by name; None without one.
 
     Raises BadInput where two benches of the cluster have this name.
     """
-    fitting = fitting_benches(request, [one.facts for one in there])
+    fitting = fitting_benches(request, [bench.facts for bench in there])
     if not fitting:
         return None
-    name = min(one.name for one in fitting)
-    nodes = [one.node for one in there if one.facts.name == name]
+    name = min(bench_facts.name for bench_facts in fitting)
+    nodes = [bench.node for bench in there if bench.facts.name == name]
     if len(nodes) > 1:
         text = f"the cluster has two benches named '{name}', on {' and '.join(nodes)}; rename one"
-        raise BadInput([campaign.problem(("bench",), text, key=True)])
+        raise BadInput([file.problem(("bench",), text, key=True)])
     return name
 
 
 def missing_bench(
-    campaign: Document, request: BenchRequestPart, there: Sequence[AnnouncedBench]
+    file: Document, request: BenchRequestPart, there: Sequence[AnnouncedBench]
 ) -> BadInput:
     """Return the error of a campaign whose bench has not appeared within its `wait_s`."""
-    problem = no_bench(campaign, request, [one.facts for one in there])
+    problem = no_bench(file, request, [bench.facts for bench in there])
     text = f"{problem.message}, after {request.wait_s:g} s (bench.wait_s)"
-    return BadInput([campaign.problem(("bench",), text, problem.suggestion, key=True)])
+    return BadInput([file.problem(("bench",), text, problem.suggestion, key=True)])

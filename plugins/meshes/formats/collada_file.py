@@ -253,8 +253,10 @@ def _instance(
             f"{name} refers to the geometry '{ident[:60]}', which does not exist"
         )
     bound = {
-        one.get("symbol", ""): one
-        for one in instance.iterfind("{*}bind_material/{*}technique_common/{*}instance_material")
+        element.get("symbol", ""): element
+        for element in instance.iterfind(
+            "{*}bind_material/{*}technique_common/{*}instance_material"
+        )
     }
     for surface in collada.surfaces(ident):
         if not len(surface.triangles):
@@ -283,7 +285,7 @@ def _surfaces(geometry: ET.Element, name: str) -> Iterator[_Surface]:
         raise UnsupportedMeshError(
             f"{name} is not a mesh but {', '.join(kinds)[:40] or 'empty'}, which is not supported"
         )
-    sources = {one.get("id", ""): one for one in mesh.iterfind("{*}source")}
+    sources = {element.get("id", ""): element for element in mesh.iterfind("{*}source")}
     tables: dict[str, FloatArray] = {}
 
     def table(reference: str) -> FloatArray:
@@ -307,9 +309,9 @@ def _inputs(
     mesh: ET.Element, part: ET.Element, table: Callable[[str], FloatArray]
 ) -> Iterator[_Input]:
     """Yield the inputs of a surface; those of `vertices` by the index of the vertex."""
-    for one in part.iterfind("{*}input"):
-        offset, set_name = int(one.get("offset", "0")), one.get("set", "0")
-        semantic, source = one.get("semantic", ""), one.get("source", "")
+    for element in part.iterfind("{*}input"):
+        offset, set_name = int(element.get("offset", "0")), element.get("set", "0")
+        semantic, source = element.get("semantic", ""), element.get("source", "")
         if semantic == "VERTEX":
             for inner in mesh.iterfind("{*}vertices/{*}input"):
                 kind = inner.get("semantic", "")
@@ -333,7 +335,7 @@ def _table(source: ET.Element, name: str) -> FloatArray:
         )
     # Some writers count numbers there, not rows.
     count = min(count, max(0, len(values) - begin) // stride)
-    named = [bool(one.get("name")) for one in accessor.iterfind("{*}param")]
+    named = [bool(element.get("name")) for element in accessor.iterfind("{*}param")]
     # One without a name is left out; writers that name none mean all.
     columns = [at for at, has_name in enumerate(named) if has_name] or list(range(stride))
     return values[begin : begin + count * stride].reshape(count, stride)[:, columns]
@@ -346,8 +348,8 @@ def _surface(part: ET.Element, inputs: tuple[_Input, ...], name: str) -> _Surfac
             f"{name} has polygons with holes, which are not supported; export the mesh with "
             "triangulated faces"
         )
-    stride = 1 + max(int(one.get("offset", "0")) for one in part.iterfind("{*}input"))
-    lists = [numbers(one.text or "", np.int64) for one in part.iterfind("{*}p")]
+    stride = 1 + max(int(element.get("offset", "0")) for element in part.iterfind("{*}input"))
+    lists = [numbers(element.text or "", np.int64) for element in part.iterfind("{*}p")]
     if any(len(one) % stride for one in lists):
         raise UnsupportedMeshError(f"{name} is cut off: a corner of its {kind} lacks an index")
     rows = np.concatenate([np.empty(0, np.int64), *lists]).reshape(-1, stride)

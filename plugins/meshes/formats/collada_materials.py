@@ -52,9 +52,9 @@ class ColladaMaterials:
         if ident not in self._looks:
             self._looks[ident] = self._read(ident)
         look, semantic = self._looks[ident]
-        for one in () if instance is None else instance.iterfind("{*}bind_vertex_input"):
-            if one.get("semantic") == semantic:
-                return look, one.get("input_set", "0")
+        for element in () if instance is None else instance.iterfind("{*}bind_vertex_input"):
+            if element.get("semantic") == semantic:
+                return look, element.get("input_set", "0")
         return look, None
 
     def _read(self, ident: str) -> tuple[Look, str]:
@@ -69,7 +69,11 @@ class ColladaMaterials:
                 f"material '{name}' has the effect '{effect_id[:60]}', which does not exist"
             )
         shader = next(
-            (one for kind in _SHADERS for one in effect.iterfind(f".//{{*}}technique/{{*}}{kind}")),
+            (
+                element
+                for kind in _SHADERS
+                for element in effect.iterfind(f".//{{*}}technique/{{*}}{kind}")
+            ),
             None,
         )
         if shader is None:
@@ -143,13 +147,13 @@ def path_of(image: ET.Element) -> str:
 
 
 def _by_id(elements: Iterator[ET.Element]) -> dict[str, ET.Element]:
-    return {one.get("id", ""): one for one in elements}
+    return {element.get("id", ""): element for element in elements}
 
 
 def _parameter(effect: ET.Element, sid: str, kind: str) -> ET.Element | None:
-    for one in effect.iterfind(".//{*}newparam"):
-        if one.get("sid") == sid:
-            return one.find(f"{{*}}{kind}")
+    for element in effect.iterfind(".//{*}newparam"):
+        if element.get("sid") == sid:
+            return element.find(f"{{*}}{kind}")
     return None
 
 

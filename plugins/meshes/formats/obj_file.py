@@ -127,7 +127,9 @@ def _absolute(text: bytes) -> bytes:
             counts[kind] += 1
         elif kind == b"f" and b"-" in line:
             corners = line[1:].split()
-            lines[number] = b"f " + b" ".join(_absolute_corner(one, counts) for one in corners)
+            lines[number] = b"f " + b" ".join(
+                _absolute_corner(corner, counts) for corner in corners
+            )
     return b"\n".join(lines)
 
 

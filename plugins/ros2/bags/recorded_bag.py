@@ -163,7 +163,7 @@ def write_bag(
         if isinstance(record, Channel):
             channels[record.id] = record
         elif isinstance(record, Message):
-            writing.take(channels[record.channel_id], record)
+            writing.receive(channels[record.channel_id], record)
     writing.end(run.with_name("result.json"))
     bag.finish()
     return WrittenBag(bag.counts, writing.left_out, trajectory.problems)
@@ -210,7 +210,7 @@ class _Writing:
         self._now_ns = self._clock_ns = 0
         self.left_out: Counter[str] = Counter()
 
-    def take(self, channel: Channel, message: Message) -> None:
+    def receive(self, channel: Channel, message: Message) -> None:
         part = channel.metadata.get("part", "")
         if part not in {"reading", "event", "transform"}:
             return
@@ -291,7 +291,10 @@ class _Writing:
         source, kind, sensor = wil["source"], wil["type"], wil.get("sensor") or recorded
         prefix = self._prefix(source, recorded, sensor)
         base = f"{prefix}/{word_of(sensor)}"
-        topics = {one.name: one.type for one in sensor_topics(base[1:], kind, compressed=True)}
+        topics = {
+            sensor_topic.name: sensor_topic.type
+            for sensor_topic in sensor_topics(base[1:], kind, compressed=True)
+        }
         if not topics:
             self.left_out[channel.topic] += 1
             return

@@ -71,7 +71,9 @@ def reading_messages(
 
 def sensor_transforms(sensors: tuple[SensorSetup, ...]) -> tuple[Transform, ...]:
     """Return the frames of sensors in base_link, those of stabilized cameras aside."""
-    return tuple(sensor_transform(one, AT_ORIGIN) for one in sensors if not is_stabilized(one))
+    return tuple(
+        sensor_transform(sensor, AT_ORIGIN) for sensor in sensors if not is_stabilized(sensor)
+    )
 
 
 def sensor_transform(sensor: SensorSetup, body: Pose) -> Transform:

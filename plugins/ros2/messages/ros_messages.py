@@ -213,7 +213,7 @@ class RosMessages:
 
     def transforms(self, transforms: Sequence[Transform], stamp_ns: int) -> bytes:
         """Return a TFMessage."""
-        return self._cdr(TF, [self._transform(one, stamp_ns) for one in transforms])
+        return self._cdr(TF, [self._transform(transform, stamp_ns) for transform in transforms])
 
     def _transform(self, one: Transform, stamp_ns: int) -> Any:
         x, y, z = one.position_m

@@ -30,7 +30,7 @@ PX4_OUT = tuple(
         (ACKNOWLEDGEMENT_TOPIC, ACKNOWLEDGEMENT),
     )
 )
-_TYPES = (*PX4_SETPOINTS.values(), *PX4_WORDS.values(), *(one.type for one in PX4_OUT))
+_TYPES = (*PX4_SETPOINTS.values(), *PX4_WORDS.values(), *(out_topic.type for out_topic in PX4_OUT))
 _VERSION = "MESSAGE_VERSION"
 _READ: Mapping[str, tuple[str, ...]] = {
     TRAJECTORY_SETPOINT: ("timestamp", "position", "velocity", "yaw", "yawspeed"),
@@ -81,6 +81,10 @@ def px4_definitions(folder: Path) -> dict[str, str]:
 
 def px4_names(types: RosTypes) -> dict[str, str]:
     """Return PX4's names of the topics by those here: a message with a version has it in them."""
-    kinds = {**PX4_SETPOINTS, **PX4_WORDS, **{one.name: one.type for one in PX4_OUT}}
+    kinds = {
+        **PX4_SETPOINTS,
+        **PX4_WORDS,
+        **{out_topic.name: out_topic.type for out_topic in PX4_OUT},
+    }
     versions = {name: types.constant(kind, _VERSION) for name, kind in kinds.items()}
     return {name: f"{name}_v{version}" if version else name for name, version in versions.items()}

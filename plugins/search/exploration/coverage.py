@@ -84,14 +84,16 @@ def _admissible_count(
 ) -> int:
     """Return the number of pairs of cells that the constraints admit, by the samples."""
     if not space.constraints:
-        counts = [cell_count(one) for one in space.parameters]
+        counts = [cell_count(parameter) for parameter in space.parameters]
         return sum(a * b for a, b in itertools.combinations(counts, 2)) or counts[0]
     # A flown variant is admissible even if no sample is in its cell.
     return len({cell for shares in samples for cell in _cells(space, shares)} | flown)
 
 
 def _cells(space: Space, shares: Sequence[float]) -> Iterable[_CellPair]:
-    own = [cell_of(one, share) for one, share in zip(space.parameters, shares, strict=True)]
+    own = [
+        cell_of(parameter, share) for parameter, share in zip(space.parameters, shares, strict=True)
+    ]
     if len(own) == 1:
         yield (0, own[0], 0, own[0])
     for first, second in itertools.combinations(range(len(own)), 2):

@@ -55,7 +55,10 @@ class LearningStrategy:
                 return None
             with _quiet():
                 trial = self._study.ask()
-                point = {one.name: _suggested(trial, one) for one in self._space.parameters}
+                point = {
+                    parameter.name: _suggested(trial, parameter)
+                    for parameter in self._space.parameters
+                }
             if self._is_new(point):
                 self._trials[trial.number] = trial
                 return Proposal(trial.number, point)
@@ -86,7 +89,9 @@ class LearningStrategy:
                 return False
             keys = list(self._unseen)
             drawn = keys[int(self._rng.integers(len(keys)))]
-            point = dict(zip((one.name for one in self._space.parameters), drawn, strict=True))
+            point = dict(
+                zip((parameter.name for parameter in self._space.parameters), drawn, strict=True)
+            )
         else:
             found = random_point(self._space, self._rng)
             if found is None:
@@ -94,7 +99,10 @@ class LearningStrategy:
             point = found
         with _quiet():
             self._study.enqueue_trial(
-                {one.name: _written(one, point[one.name]) for one in self._space.parameters}
+                {
+                    parameter.name: _written(parameter, point[parameter.name])
+                    for parameter in self._space.parameters
+                }
             )
         return True
 

@@ -106,16 +106,24 @@ class TriedVariant:
 
     def value(self, mode: Mode) -> float | None:
         """Return the smallest value in a mode; None where no flight has one."""
-        values = [one.value for one in self.outcomes.get(mode, ()) if one.value is not None]
+        values = [
+            flight_outcome.value
+            for flight_outcome in self.outcomes.get(mode, ())
+            if flight_outcome.value is not None
+        ]
         return min(values, default=None)
 
     def failed(self, mode: Mode) -> bool:
         """Return whether a flight of the mode failed."""
-        return any(one.verdict == "FAIL" for one in self.outcomes.get(mode, ()))
+        return any(
+            flight_outcome.verdict == "FAIL" for flight_outcome in self.outcomes.get(mode, ())
+        )
 
     def passed(self, mode: Mode) -> bool:
         """Return whether a flight of the mode passed."""
-        return any(one.verdict == "PASS" for one in self.outcomes.get(mode, ()))
+        return any(
+            flight_outcome.verdict == "PASS" for flight_outcome in self.outcomes.get(mode, ())
+        )
 
     def failed_last(self, modes: Sequence[Mode]) -> bool:
         """Return whether a flight failed in the last of these modes with a PASS or a FAIL."""
@@ -126,11 +134,15 @@ class TriedVariant:
     def is_proven(self) -> bool:
         """Return whether a flight in any mode has the verdict PASS or FAIL."""
         outcomes = itertools.chain.from_iterable(self.outcomes.values())
-        return any(one.verdict in {"PASS", "FAIL"} for one in outcomes)
+        return any(outcome.verdict in {"PASS", "FAIL"} for outcome in outcomes)
 
     def cause(self, mode: Mode) -> str:
         """Return the cause of the first failure in a mode; "" without one."""
-        causes = [one.cause for one in self.outcomes.get(mode, ()) if one.verdict == "FAIL"]
+        causes = [
+            flight_outcome.cause
+            for flight_outcome in self.outcomes.get(mode, ())
+            if flight_outcome.verdict == "FAIL"
+        ]
         return causes[0] if causes else ""
 
 
@@ -219,17 +231,21 @@ class Findings:
         a cheaper mode is open as well where the budget, the gap or INVALID flights left the
         costlier mode without a result.
         """
-        settled = {one.variant.name for one in self.cases if one.standing in _SETTLED}
+        settled = {
+            failing_case.variant.name
+            for failing_case in self.cases
+            if failing_case.standing in _SETTLED
+        }
         return tuple(
-            one
-            for one in self.tried
-            if one.variant.name not in settled and one.failed_last(self.modes)
+            tried_variant
+            for tried_variant in self.tried
+            if tried_variant.variant.name not in settled and tried_variant.failed_last(self.modes)
         )
 
     @property
     def unproven(self) -> tuple[TriedVariant, ...]:
         """Return the variants all of whose flights were INVALID or ERROR."""
-        return tuple(one for one in self.tried if not one.is_proven)
+        return tuple(tried_variant for tried_variant in self.tried if not tried_variant.is_proven)
 
     @property
     def is_proven(self) -> bool:
@@ -239,4 +255,6 @@ class Findings:
     @property
     def confirmed(self) -> tuple[FailingCase, ...]:
         """Return the failures that were confirmed."""
-        return tuple(one for one in self.cases if one.standing == "confirmed")
+        return tuple(
+            failing_case for failing_case in self.cases if failing_case.standing == "confirmed"
+        )

@@ -64,9 +64,11 @@ class Objective:
     def value(self, results: Sequence[OracleResult], *, vehicle: str) -> float | None:
         """Return the smallest normalised margin of the vehicle's oracles; None without any."""
         values = [
-            one.margin / (self.scale.get(one.name) or measure_of(one.limit))
-            for one in results
-            if one.name in self.oracles and one.vehicle == vehicle and one.margin is not None
+            result.margin / (self.scale.get(result.name) or measure_of(result.limit))
+            for result in results
+            if result.name in self.oracles
+            and result.vehicle == vehicle
+            and result.margin is not None
         ]
         return min(values, default=None)
 

@@ -27,7 +27,7 @@ def reductions(space: Space, values: Values) -> Attempts:
 
 def own_left_out(space: Space, values: Values) -> dict[str, ParameterValue]:
     """Return values without those that are the campaign's own."""
-    own = {one.name: one.own for one in space.parameters}
+    own = {parameter.name: parameter.own for parameter in space.parameters}
     return {name: value for name, value in values.items() if not _is_same(value, own[name])}
 
 

@@ -78,12 +78,14 @@ class Search:
     @property
     def _is_enough(self) -> bool:
         wanted = self._problem.stop_after
-        confirmed = sum(one.standing == "confirmed" for one in self._cases)
+        confirmed = sum(failing_case.standing == "confirmed" for failing_case in self._cases)
         return wanted is not None and confirmed >= wanted
 
     def _left(self, mode: Mode) -> int:
         """Return how many more variants the budget of a mode allows."""
-        spent = sum(len(one.outcomes.get(mode, ())) for one in self._tried.values())
+        spent = sum(
+            len(tried_variant.outcomes.get(mode, ())) for tried_variant in self._tried.values()
+        )
         return (self._problem.budget[mode] - spent) // self._problem.seeds
 
     def _explore(self, mode: Mode, *, is_last: bool) -> Steps:
@@ -111,7 +113,7 @@ class Search:
         value = tried.value(mode)
         if value is not None or not tried.passed(mode):
             return value
-        known = (one.value(mode) for one in self._tried.values())
+        known = (tried_variant.value(mode) for tried_variant in self._tried.values())
         return max((one for one in known if one is not None), default=None)
 
     def _proposals(self, count: int) -> list[tuple[int, Variant]]:
@@ -144,8 +146,9 @@ class Search:
             gap = self._gap(lower, upper)
             waiting = [
                 (name, value)
-                for name, one in self._tried.items()
-                if upper not in one.outcomes and (value := _rank_of(one, lower)) is not None
+                for name, tried_variant in self._tried.items()
+                if upper not in tried_variant.outcomes
+                and (value := _rank_of(tried_variant, lower)) is not None
             ]
             most = min(left, max(1, self._problem.at_once // self._problem.seeds))
             chosen = passed_on(
@@ -160,9 +163,11 @@ class Search:
         """Return the gap of all variants that were flown in both modes, paired by seed."""
         pairs = [
             (low.value, high.value)
-            for one in self._tried.values()
+            for tried_variant in self._tried.values()
             for low, high in zip(
-                one.outcomes.get(lower, ()), one.outcomes.get(upper, ()), strict=False
+                tried_variant.outcomes.get(lower, ()),
+                tried_variant.outcomes.get(upper, ()),
+                strict=False,
             )
         ]
         differences = (high - low for low, high in pairs if low is not None and high is not None)
@@ -186,12 +191,12 @@ class Search:
     def _confirm_all(self, mode: Mode) -> Steps:
         """Fly failing variants again, up to the limit: new causes first, then the worst."""
         while len(self._cases) < self._problem.confirm_most and not self._is_enough:
-            done = {one.variant.name for one in self._cases}
-            causes = {one.cause for one in self._cases}
+            done = {failing_case.variant.name for failing_case in self._cases}
+            causes = {failing_case.cause for failing_case in self._cases}
             failing = [
-                one
-                for one in self._tried.values()
-                if one.failed(mode) and one.variant.name not in done
+                tried_variant
+                for tried_variant in self._tried.values()
+                if tried_variant.failed(mode) and tried_variant.variant.name not in done
             ]
             if not failing:
                 return

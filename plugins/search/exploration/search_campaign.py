@@ -10,7 +10,7 @@ from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.bench_file import Bench
 from wil_campaign.campaigns.setup.bench_resolution import completion_of
 from wil_campaign.campaigns.setup.case_files import CaseFiles, case_files
-from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.campaigns.setup.overrides import Override
 from wil_campaign.campaigns.values.seeds import run_seed
 from wil_campaign.foundation.files.documents import BadInput, Document, parse_value
@@ -65,7 +65,9 @@ class SearchCampaign:
 
     def files(self, variant: Variant) -> CaseFiles:
         """Return the files of a variant. Raises BadInput."""
-        changed = tuple(override_of(*one) for one in self.overrides(variant.values).items())
+        changed = tuple(
+            override_of(*override) for override in self.overrides(variant.values).items()
+        )
         overrides = (*self.case_overrides, *self.option_overrides, *changed)
         files, problems = case_files(self.document, overrides, completion_of(self._bench))
         if problems:
@@ -88,10 +90,10 @@ class SearchCampaign:
 
         It has no requirements and no controls; a case has as many repetitions as it has flights.
         """
-        variants = {one.variant.name: one.variant for one in batch.flights}
+        variants = {flight.variant.name: flight.variant for flight in batch.flights}
         files = {name: self.files(variant) for name, variant in variants.items()}
-        setups: Mapping[str, Setup] = {
-            name: read_setup(one, (batch.mode,)) for name, one in files.items()
+        setups: Mapping[str, Case] = {
+            name: read_setup(file, (batch.mode,)) for name, file in files.items()
         }
         base = self.campaign
         of_benches = [bench.document.path for bench in base.benches]
@@ -103,9 +105,9 @@ class SearchCampaign:
             ),
             cases=tuple(variants),
             modes=(batch.mode,),
-            repetitions=max(one.repetition for one in batch.flights),
+            repetitions=max(flight.repetition for flight in batch.flights),
             setups=setups,
-            runs=tuple(self._plan(one, files[one.variant.name]) for one in batch.flights),
+            runs=tuple(self._plan(flight, files[flight.variant.name]) for flight in batch.flights),
             requirements=(),
             left_out=(),
             test=None,

@@ -87,7 +87,9 @@ class _Reader:
         case = self._case()
         own = () if case is None else overrides_of_case(document, case)
         given = tuple(override_from_option("--set", text) for text in self._options.sets)
-        given = tuple(one for one in given if not one.dotted_key.startswith("search."))
+        given = tuple(
+            override for override in given if not override.dotted_key.startswith("search.")
+        )
         files, _ = case_files(document, (*own, *given), self._complete)
         self._check_modes()
         parameters = tuple(self._parameters(files, (*own, *given), document))
@@ -163,14 +165,18 @@ class _Reader:
             return
         if len(parameters) < 2:
             self._report(("strategy",), "cma-es needs at least 2 parameters; use tpe")
-        for one in parameters:
-            if one.choices:
+        for parameter in parameters:
+            if parameter.choices:
                 message = "cma-es varies numbers only, and these are choices; use tpe"
-                self._report(("parameters", one.name, "choices"), message, key=True)
+                self._report(("parameters", parameter.name, "choices"), message, key=True)
 
     def _constraints(self, parameters: Sequence[Parameter]) -> Iterator[Constraint]:
         """Yield the constraints; wrong ones are reported at the offset of the mistake."""
-        kinds = {one.name: _kind_of(one) for one in parameters if _is_calculable(one)}
+        kinds = {
+            parameter.name: _kind_of(parameter)
+            for parameter in parameters
+            if _is_calculable(parameter)
+        }
         for index, text in enumerate(self._part.constraints):
             path: Path = (*_AT, "constraints", index)
             try:
@@ -232,11 +238,11 @@ class _Reader:
                     loads_code=self._options.loads_code,
                 )
                 collect_problems(wrong, read)
-            own = [one for one in wrong if _is_at(one, place)]
+            own = [problem for problem in wrong if _is_at(problem, place)]
             if not own:
                 return []
             first = first or own[:1]
-        return [replace(one, message=f"'{key}': {one.message}") for one in first]
+        return [replace(problem, message=f"'{key}': {problem.message}") for problem in first]
 
 
 def _without_bench(campaign: Campaign) -> Document:
@@ -255,14 +261,14 @@ def without_search(document: Document) -> Document:
     root = document.root
     if not isinstance(root.value, dict):
         return document
-    kept: Mapping[str, Entry] = {key: one for key, one in root.value.items() if key != "search"}
+    kept: Mapping[str, Entry] = {key: entry for key, entry in root.value.items() if key != "search"}
     return Document(document.path, mapping_node(dict(kept), root.place))
 
 
 def _parameter(name: str, part: ParameterPart, files: CaseFiles | None) -> Parameter:
     """Return a parameter; its own value is that of the files. files=None: without an own value."""
     values = [_own_value(files, key) for key in part.keys] if files is not None else []
-    is_one = bool(values) and all(one == values[0] for one in values)
+    is_one = bool(values) and all(value == values[0] for value in values)
     return Parameter(
         name=name,
         keys=part.keys,
@@ -291,12 +297,12 @@ def _own_value(files: CaseFiles, key: str) -> ParameterValue | None:
 
 def _is_calculable(parameter: Parameter) -> bool:
     """Return whether a constraint can use a parameter: none of its values is a text."""
-    return not any(isinstance(one, str) for one in parameter.choices)
+    return not any(isinstance(choice, str) for choice in parameter.choices)
 
 
 def _kind_of(parameter: Parameter) -> SignalKind:
     """Return a parameter as a signal of constraints: true or false, or a number with its unit."""
-    if parameter.choices and all(isinstance(one, bool) for one in parameter.choices):
+    if parameter.choices and all(isinstance(choice, bool) for choice in parameter.choices):
         return SignalKind("", parameter.name)
     return SignalKind(parameter.unit or "1", parameter.name)
 

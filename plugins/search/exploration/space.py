@@ -97,7 +97,10 @@ class Space:
 
     def whole(self, values: Values) -> dict[str, ParameterValue | None]:
         """Return the value of each parameter, the campaign's own where none is given."""
-        return {one.name: values.get(one.name, one.own) for one in self.parameters}
+        return {
+            parameter.name: values.get(parameter.name, parameter.own)
+            for parameter in self.parameters
+        }
 
     def admits(self, values: Values) -> bool:
         """Return whether values keep every constraint."""
@@ -106,7 +109,9 @@ class Space:
     def broken_constraint(self, values: Values) -> Constraint | None:
         """Return the first constraint that values break; None where they keep all."""
         whole = self.whole(values)
-        return next((one for one in self.constraints if not one.holds(whole)), None)
+        return next(
+            (constraint for constraint in self.constraints if not constraint.holds(whole)), None
+        )
 
     def at(self, shares: Sequence[float]) -> dict[str, ParameterValue]:
         """Return the values at a point of the unit cube."""
@@ -128,7 +133,7 @@ class Space:
     @property
     def size(self) -> int | None:
         """Return how many points the space has, constraints aside; None for infinitely many."""
-        counts = [one.count for one in self.parameters]
+        counts = [parameter.count for parameter in self.parameters]
         if any(count is None for count in counts):
             return None
         return math.prod(count for count in counts if count is not None)
@@ -138,19 +143,20 @@ class Space:
         if self.size is None or self.size > _MOST_POINTS:
             return None
         every = [
-            one.choices or tuple(range(int(one.low), int(one.high) + 1)) for one in self.parameters
+            parameter.choices or tuple(range(int(parameter.low), int(parameter.high) + 1))
+            for parameter in self.parameters
         ]
         return [point for point in self._points(every) if self.admits(point)]
 
     def grid(self) -> Iterator[dict[str, ParameterValue]]:
         """Yield the admissible points of the grid of all levels."""
-        for point in self._points([one.levels for one in self.parameters]):
+        for point in self._points([parameter.levels for parameter in self.parameters]):
             if self.admits(point):
                 yield point
 
     def _points(
         self, levels: Sequence[tuple[ParameterValue, ...]]
     ) -> Iterator[dict[str, ParameterValue]]:
-        names = [one.name for one in self.parameters]
+        names = [parameter.name for parameter in self.parameters]
         for point in itertools.product(*levels):
             yield dict(zip(names, point, strict=True))

@@ -103,7 +103,7 @@ def _pairwise(space: Space, seed: int) -> Iterator[Point]:
     except ModuleNotFoundError as error:
         raise MissingExtraError("covertable", "pairwise") from error
     # Indices, as covertable treats True and 1 as the same level.
-    levels = {one.name: one.levels for one in space.parameters}
+    levels = {parameter.name: parameter.levels for parameter in space.parameters}
     strength = min(2, len(levels))
     made = make(
         {name: list(range(len(values))) for name, values in levels.items()},

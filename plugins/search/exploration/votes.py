@@ -26,8 +26,10 @@ class Votes:
 
 def votes_of(outcomes: Iterable[FlightOutcome]) -> Votes:
     """Return the votes of flights."""
-    proven = [one for one in outcomes if one.verdict in {"PASS", "FAIL"}]
-    counts = Counter(one.cause for one in proven if one.verdict == "FAIL")
+    proven = [outcome for outcome in outcomes if outcome.verdict in {"PASS", "FAIL"}]
+    counts = Counter(
+        flight_outcome.cause for flight_outcome in proven if flight_outcome.verdict == "FAIL"
+    )
     # On a tie the first in the alphabet, so that the order of the flights does not matter.
     causes = dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
     return Votes(counts.total(), len(proven), causes)

@@ -44,7 +44,7 @@ def render_search(page: SearchPage, space: Space, findings: Findings, *, made_ut
     """Return the page of a search as HTML."""
 
     def values_text(values: Values) -> str:
-        units = {one.name: one.unit for one in space.parameters}
+        units = {parameter.name: parameter.unit for parameter in space.parameters}
         return ", ".join(f"{name} {value} {units[name]}".rstrip() for name, value in values.items())
 
     return render_template(
@@ -54,7 +54,7 @@ def render_search(page: SearchPage, space: Space, findings: Findings, *, made_ut
         findings=findings,
         panels=space_panels(space, findings),
         seen=sensed_panels(page.sensed),
-        constraints=[one.text for one in space.constraints],
+        constraints=[constraint.text for constraint in space.constraints],
         values_text=values_text,
         farthest="" if page.coverage.farthest is None else values_text(page.coverage.farthest),
         made_utc=made_utc,
@@ -75,7 +75,9 @@ def write_search_page(search: SearchCampaign, outcome: SearchOutcome) -> Path:
         exit_code=outcome.exit_code,
         unsettled=tuple(unsettled_texts(findings)),
         files=outcome.files,
-        coverage=coverage_of(search.space, [one.variant.values for one in findings.tried]),
+        coverage=coverage_of(
+            search.space, [tried_variant.variant.values for tried_variant in findings.tried]
+        ),
         sensed=sensed_of(findings),
     )
     path = outcome.folder / FILE_NAME

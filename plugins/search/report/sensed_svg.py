@@ -24,11 +24,13 @@ def sensed_panels(coverages: tuple[SensedCoverage, ...]) -> list[SensedPanel]:
     """Return a drawing of each coverage."""
     return [
         SensedPanel(
-            f"{one.object} by {one.sensor}" if one.object else f"nearest by {one.sensor}",
-            _text(one),
-            _panel(one),
+            f"{coverage.object} by {coverage.sensor}"
+            if coverage.object
+            else f"nearest by {coverage.sensor}",
+            _text(coverage),
+            _panel(coverage),
         )
-        for one in coverages
+        for coverage in coverages
     ]
 
 

@@ -74,7 +74,11 @@ def _cells(
     def cell(shares: Sequence[float]) -> tuple[int, int]:
         return cell_of(across[1], shares[across[0]]), cell_of(up[1], shares[up[0]])
 
-    flown = {cell(shares) for one in findings.tried if (shares := space.shares(one.variant.values))}
+    flown = {
+        cell(shares)
+        for tried_variant in findings.tried
+        if (shares := space.shares(tried_variant.variant.values))
+    }
     # A single parameter is drawn on both axes.
     is_sampled = bool(space.constraints) or across is up
     admissible = {cell(shares) for shares in samples} | flown if is_sampled else None
@@ -102,9 +106,9 @@ def _refused(space: Space, findings: Findings, across: Axis, up: Axis) -> Iterat
 
 def _marks(space: Space, findings: Findings, across: Axis, up: Axis) -> Iterator[Markup]:
     """Yield a mark of each flown variant, each failure, and the campaign's own values."""
-    for one in findings.tried:
-        if (shares := space.shares(one.variant.values)) is not None:
-            yield _variant_mark(one, *_place(shares, across, up))
+    for tried_variant in findings.tried:
+        if (shares := space.shares(tried_variant.variant.values)) is not None:
+            yield _variant_mark(tried_variant, *_place(shares, across, up))
     for case in findings.confirmed:
         found, smallest = space.shares(case.variant.values), space.shares(case.reduced.values)
         if found is not None:
@@ -122,7 +126,7 @@ def _marks(space: Space, findings: Findings, across: Axis, up: Axis) -> Iterator
 def _variant_mark(tried: TriedVariant, x: float, y: float) -> Markup:
     """Return a variant's mark, by the verdicts of the last mode that flew it."""
     outcomes = list(tried.outcomes.values())[-1]
-    verdicts = {one.verdict for one in outcomes}
+    verdicts = {outcome.verdict for outcome in outcomes}
     title = element("title", {}, [f"{tried.variant.name}: {', '.join(sorted(verdicts))}"])
     if "FAIL" in verdicts:
         d = f"M{x - _MARK},{y - _MARK}l8,8M{x - _MARK},{y + _MARK}l8,-8"

@@ -68,7 +68,7 @@ class FlownSet:
     def runs_by_folder(self) -> dict[str, list[RunResult]]:
         """Return the runs that have a result, by the names of their folders."""
         return {
-            folder.name: [one.result for one in campaign.entries if one.result is not None]
+            folder.name: [entry.result for entry in campaign.entries if entry.result is not None]
             for folder, campaign in zip(self.folders, self.campaigns, strict=True)
         }
 
@@ -84,7 +84,7 @@ class FlownSet:
         return [
             f"{folder}: {text}"
             for folder, campaign in zip(self.folders, self.campaigns, strict=True)
-            for text in control_faults(one.result for one in campaign.entries if one.result)
+            for text in control_faults(entry.result for entry in campaign.entries if entry.result)
         ]
 
 
@@ -121,7 +121,7 @@ def read_baseline(folder: Path, *, last: int, before: Path) -> FlownSet:
             f"{folder} contains no campaign '{judged.name}' that was flown before {before}"
         )
     chosen: Sequence[tuple[Path, CampaignDocuments]] = campaigns[-last:]
-    return FlownSet(tuple(path for path, _ in chosen), tuple(one for _, one in chosen))
+    return FlownSet(tuple(path for path, _ in chosen), tuple(documents for _, documents in chosen))
 
 
 def results_folders(folder: Path) -> list[Path]:
@@ -153,8 +153,8 @@ def _readable(path: Path) -> CampaignDocuments | None:
         return None
 
 
-def _started(campaign: CampaignDocuments) -> str | None:
-    started = campaign.manifest.get("started_utc")
+def _started(documents: CampaignDocuments) -> str | None:
+    started = documents.manifest.get("started_utc")
     return started if isinstance(started, str) else None
 
 

@@ -82,7 +82,7 @@ class Comparison:
     @property
     def worse(self) -> tuple[Change, ...]:
         """Return what became worse."""
-        return tuple(one for one in self.changes if one.outcome == "worse")
+        return tuple(change for change in self.changes if change.outcome == "worse")
 
 
 def cells_of(runs: Iterable[RunResult]) -> dict[tuple[str, str], list[RunResult]]:
@@ -145,9 +145,9 @@ def _oracles(runs: Sequence[RunResult]) -> dict[tuple[str, str], bool]:
     A run without a flight has none.
     """
     found: dict[tuple[str, str], bool] = {}
-    for one in (one for run in runs for one in run.oracles):
-        key = (one.name, one.vehicle)
-        found[key] = found.get(key, False) or one.required
+    for oracle_result in (oracle for run in runs for oracle in run.oracles):
+        key = (oracle_result.name, oracle_result.vehicle)
+        found[key] = found.get(key, False) or oracle_result.required
     return found
 
 
@@ -167,7 +167,7 @@ def _cell_changes(
     """Return the changes of a case and mode, with uncorrected p."""
     once = [distinct(runs) for runs in (old, new)]
     counts = [Counts(sum(run.verdict == "PASS" for run in runs), len(runs)) for runs in once]
-    was, now = (one.passed / one.flown for one in counts)
+    was, now = (count.passed / count.flown for count in counts)
     flights = (len(once[0]), len(once[1]))
     p, why = _testable(old, new, was != now)
     if not why and p is None:
@@ -245,31 +245,31 @@ def _margins(runs: Sequence[RunResult]) -> dict[str, _Margins]:
     """Return the margins of each required oracle of the judged vehicle."""
     found: dict[str, _Margins] = {}
     for run in runs:
-        for one in run.oracles:
-            if not one.required or one.vehicle != run.subject:
+        for oracle in run.oracles:
+            if not oracle.required or oracle.vehicle != run.subject:
                 continue
-            if one.margin is not None:
-                found.setdefault(one.name, _Margins(one.unit)).known.append(one.margin)
-            elif (beyond := margin_beyond(one)) is not None:
-                found.setdefault(one.name, _Margins(one.unit)).beyond.append(beyond)
+            if oracle.margin is not None:
+                found.setdefault(oracle.name, _Margins(oracle.unit)).known.append(oracle.margin)
+            elif (beyond := margin_beyond(oracle)) is not None:
+                found.setdefault(oracle.name, _Margins(oracle.unit)).beyond.append(beyond)
     return found
 
 
 def _corrected(changes: Sequence[Change], limits: Limits) -> list[Change]:
     """Return the changes with p corrected for multiple tests, and their outcomes."""
-    tested = [one.p for one in changes if one.p is not None]
+    tested = [change.p for change in changes if change.p is not None]
     corrected = iter(holm(tested))
     found = []
-    for one in changes:
-        p = None if one.p is None else next(corrected)
-        size = limits.pass_rate if one.what == "pass rate" else limits.margin or 0.0
-        large = one.loss > 0.0 and one.loss >= size - 1e-9
+    for change in changes:
+        p = None if change.p is None else next(corrected)
+        size = limits.pass_rate if change.what == "pass rate" else limits.margin or 0.0
+        large = change.loss > 0.0 and change.loss >= size - 1e-9
         outcome: Outcome = "not worse"
         if large and p is None:
             outcome = "undecided"
         elif large and p is not None:
             outcome = "worse" if p <= 1.0 - limits.confidence else "undecided"
-        found.append(replace(one, p=p, outcome=outcome))
+        found.append(replace(change, p=p, outcome=outcome))
     return found
 
 

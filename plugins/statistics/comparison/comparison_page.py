@@ -46,10 +46,10 @@ def render_comparison(
     return render_template(
         "compare.html.j2",
         package="wil_campaign.plugins.statistics",
-        rows=[_row(one) for one in changes],
+        rows=[_row(change) for change in changes],
         settings=settings,
         conclusion=conclusion,
-        is_worse=any(one.outcome == "worse" for one in changes),
+        is_worse=any(change.outcome == "worse" for change in changes),
         sentences=sentences,
         before=before,
         after=after,
@@ -65,8 +65,8 @@ def _row(change: Change) -> _Row:
             for share, flown in zip((change.before, change.after), change.flights, strict=True)
             for passed in (round(share * flown),)
         ]
-        before, after = (rate_text(one) for one in rates)
-        return _Row(change, badge, before, after, tuple(rate_bar(one) for one in rates))
+        before, after = (rate_text(rate) for rate in rates)
+        return _Row(change, badge, before, after, tuple(rate_bar(rate) for rate in rates))
     before, after = (
         f"{'> ' if is_beyond else ''}{value:.3g} {change.unit}"
         for value, is_beyond in zip((change.before, change.after), change.is_beyond, strict=True)

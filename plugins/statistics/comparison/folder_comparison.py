@@ -84,7 +84,7 @@ def compare(
     baseline = read_baseline(Path(before), last=last, before=Path(after))
     limits = Limits(worse_by, margin_by, confidence)
     found = compare_flights(cells_of(baseline.runs), cells_of(judged.runs), limits)
-    gone = tuple(one for one in baseline.controls if one not in judged.controls)
+    gone = tuple(control for control in baseline.controls if control not in judged.controls)
     return FolderComparison(found, baseline, judged, gone, _settings(baseline, judged))
 
 

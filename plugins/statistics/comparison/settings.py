@@ -97,10 +97,12 @@ def firmware_changes_since(
     """
     changed: dict[str, None] = {}
     named: dict[str, None] = {}
-    flown_now = {one.vehicle: one for run in now for one in run.firmware}
+    flown_now = {
+        flown_firmware.vehicle: flown_firmware for run in now for flown_firmware in run.firmware
+    }
     for folder, runs in before.items():
         place = f"{folder}: " if len(before) > 1 else ""
-        for was in distinct(one for run in runs for one in run.firmware):
+        for was in distinct(flown_firmware for run in runs for flown_firmware in run.firmware):
             if (present := flown_now.get(was.vehicle)) is None:
                 continue
             kind, unit = firmware_changes(was, present)

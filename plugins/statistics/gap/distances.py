@@ -52,7 +52,10 @@ def case_distances(flights: Flights, case: str, measure: Measure) -> CaseDistanc
     """Return the distances of a case by a measure."""
     given = {mode: tuple(flights.get((case, mode), ())) for mode in MODES}
     return CaseDistances(
-        seeds={mode: np.array([one.seed for one in given[mode]], np.int64) for mode in MODES},
+        seeds={
+            mode: np.array([run_motion.seed for run_motion in given[mode]], np.int64)
+            for mode in MODES
+        },
         sim=_between(given["real"], given["sim"], measure),
         wil=_between(given["real"], given["wil"], measure),
         within={mode: _within(given[mode], measure) for mode in MODES},
@@ -60,7 +63,7 @@ def case_distances(flights: Flights, case: str, measure: Measure) -> CaseDistanc
 
 
 def _between(real: Sequence[RunMotion], other: Sequence[RunMotion], measure: Measure) -> F64 | None:
-    rows = [[measure.between(one, each) for each in other] for one in real]
+    rows = [[measure.between(run_motion, each) for each in other] for run_motion in real]
     if not real or not other or any(value is None for row in rows for value in row):
         return None
     return _rounded(np.array(rows, np.float64))
@@ -68,8 +71,8 @@ def _between(real: Sequence[RunMotion], other: Sequence[RunMotion], measure: Mea
 
 def _within(motions: Sequence[RunMotion], measure: Measure) -> F64 | None:
     found = np.zeros((len(motions), len(motions)))
-    for (i, one), (j, other) in combinations(enumerate(motions), 2):
-        distance = measure.between(one, other)
+    for (i, run_motion), (j, other) in combinations(enumerate(motions), 2):
+        distance = measure.between(run_motion, other)
         if distance is None:
             return None
         found[i, j] = found[j, i] = distance

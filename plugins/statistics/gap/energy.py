@@ -55,15 +55,15 @@ class EnergyFigure:
 
 def energy_figure(case: str, measure: Measure, parts: Sequence[CaseDistances]) -> EnergyFigure:
     """Return the figure over the parts: one case, or several with equal weights."""
-    within = {mode: mean_of_cases([one.mean_within(mode) for one in parts]) for mode in MODES}
+    within = {mode: mean_of_cases([part.mean_within(mode) for part in parts]) for mode in MODES}
     sim, wil = (_observed(parts, mode) for mode in ("sim", "wil"))
     nearer = interval = None
     if sim is not None and wil is not None:
         nearer = sim - wil
-        if min(len(set(seeds.tolist())) for one in parts for seeds in one.seeds.values()) >= (
+        if min(len(set(seeds.tolist())) for part in parts for seeds in part.seeds.values()) >= (
             _LEAST_SEEDS
         ):
-            sizes = [len(_units(one)) for one in parts]
+            sizes = [len(_units(part)) for part in parts]
             interval = bootstrap_interval(sizes, _nearer(parts), seed=_SEED)
     return EnergyFigure(
         case=case,
@@ -83,8 +83,8 @@ def energy_figure(case: str, measure: Measure, parts: Sequence[CaseDistances]) -
 def _observed(parts: Sequence[CaseDistances], mode: str) -> float | None:
     """Return the energy distance of a mode to reality, mean over the parts."""
     found = []
-    for one in parts:
-        energy = _energy(one, mode, {of: np.ones((1, len(one.seeds[of]))) for of in MODES})
+    for part in parts:
+        energy = _energy(part, mode, {of: np.ones((1, len(part.seeds[of]))) for of in MODES})
         found.append(None if energy is None else float(energy[0]))
     return mean_of_cases(found)
 
@@ -125,14 +125,14 @@ def _units(one: CaseDistances) -> IntArray:
 def _nearer(parts: Sequence[CaseDistances]) -> Statistic:
     """Return by how much wil is nearer, for weights of the seeds of each part."""
     places = [
-        {mode: np.searchsorted(_units(one), one.seeds[mode]) for mode in MODES} for one in parts
+        {mode: np.searchsorted(_units(part), part.seeds[mode]) for mode in MODES} for part in parts
     ]
 
     def statistic(weights: Sequence[F64]) -> F64:
         found = []
-        for one, place, drawn in zip(parts, places, weights, strict=True):
+        for part, place, drawn in zip(parts, places, weights, strict=True):
             by_mode = {mode: drawn[:, place[mode]] for mode in MODES}
-            sim, wil = _energy(one, "sim", by_mode), _energy(one, "wil", by_mode)
+            sim, wil = _energy(part, "sim", by_mode), _energy(part, "wil", by_mode)
             if sim is None or wil is None:
                 raise ValueError("a mode without distances has no energy distance")
             found.append(sim - wil)

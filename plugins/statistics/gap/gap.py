@@ -93,14 +93,14 @@ def measure_gap(flights: Flights, left_out: Iterable[str] = ()) -> Gap:
 
 def _figure(case: str, measure: Measure, parts: Sequence[CaseDistances]) -> GapFigure:
     """Return the figure over the parts: one case, or several with equal weights."""
-    sim = mean_of_cases([None if one.sim is None else float(one.sim.mean()) for one in parts])
-    wil = mean_of_cases([None if one.wil is None else float(one.wil.mean()) for one in parts])
+    sim = mean_of_cases([None if part.sim is None else float(part.sim.mean()) for part in parts])
+    wil = mean_of_cases([None if part.wil is None else float(part.wil.mean()) for part in parts])
     closed = nearer = None
     closed_interval = nearer_interval = None
     if sim is not None and wil is not None:
         nearer = sim - wil
         closed = 100.0 * (1.0 - wil / sim) if sim > 0.0 else None
-        sizes = [size for one in parts for size in one.sizes]
+        sizes = [size for part in parts for size in part.sizes]
         nearer_interval = bootstrap_interval(sizes, _nearer(parts), seed=_SEED)
         if nearer_interval is not None and closed is not None:
             closed_interval = bootstrap_interval(sizes, _closed(parts), seed=_SEED)
@@ -111,7 +111,7 @@ def _figure(case: str, measure: Measure, parts: Sequence[CaseDistances]) -> GapF
         text=measure.text,
         real_to_sim=sim,
         real_to_wil=wil,
-        real_to_real=mean_of_cases([one.mean_within("real") for one in parts]),
+        real_to_real=mean_of_cases([part.mean_within("real") for part in parts]),
         closed_percent=closed,
         closed_interval=closed_interval,
         nearer_by=nearer,
@@ -123,13 +123,13 @@ def _figure(case: str, measure: Measure, parts: Sequence[CaseDistances]) -> GapF
 
 def _basis(parts: Sequence[CaseDistances], nearer: float | None, interval: Interval | None) -> str:
     """Return the number of flights behind a figure, and why it has no interval."""
-    real, sim, wil = (sum(one.sizes[place] for one in parts) for place in range(3))
+    real, sim, wil = (sum(part.sizes[place] for part in parts) for place in range(3))
     counted = f"{real} real, {sim} sim, {wil} wil"
     if nearer is None:
         return f"{counted}; not all recorded the measure" if sim and wil else counted
     if interval is not None:
         return counted
-    single = all(size == 1 for one in parts for size in one.sizes)
+    single = all(size == 1 for part in parts for size in part.sizes)
     why = "one flight of each mode" if single else "equal flights: deterministic, no spread"
     return f"{counted}; {why}"
 
@@ -137,10 +137,10 @@ def _basis(parts: Sequence[CaseDistances], nearer: float | None, interval: Inter
 def _means(parts: Sequence[CaseDistances], weights: Sequence[F64]) -> tuple[F64, F64]:
     """Return for each resample the mean distances from reality to sim and to wil."""
     sims, wils = [], []
-    for index, one in enumerate(parts):
+    for index, part in enumerate(parts):
         real, sim, wil = weights[3 * index : 3 * index + 3]
-        sims.append(_weighted_mean(real, one.sim, sim))
-        wils.append(_weighted_mean(real, one.wil, wil))
+        sims.append(_weighted_mean(real, part.sim, sim))
+        wils.append(_weighted_mean(real, part.wil, wil))
     return np.mean(sims, axis=0), np.mean(wils, axis=0)
 
 

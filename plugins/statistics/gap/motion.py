@@ -52,7 +52,9 @@ def read_motion(folder: Path, vehicle: str, seed: int) -> RunMotion:
     ends = [judged.stages[name] for name in ("done", "land", "end") if name in judged.stages]
     times = _even_times(begin_s, min([*ends, poses[-1][0]]))
     given = _rows(folder / "trajectory.csv", vehicle, float(times[-1]))
-    kind, commands, answers = _commands([one for one in given if one.setpoint], times)
+    kind, commands, answers = _commands(
+        [commanded for commanded in given if commanded.setpoint], times
+    )
     return RunMotion(_positions(poses, times), kind, commands, answers, seed)
 
 
@@ -106,6 +108,6 @@ def _commands(rows: Sequence[Commanded], times: F64) -> tuple[str, F64, F64]:
         row.velocity_ned_m_s if kind == "velocity" else row.truth_ned_m or row.position_ned_m
         for row in chosen
     ]
-    if any(one is None for one in answers):
+    if any(answer is None for answer in answers):
         return "", nothing, nothing
     return kind, np.array([row.setpoint for row in chosen]), np.array(answers, np.float64)

@@ -63,10 +63,14 @@ def history(
     before = set(known)  # also earlier lines: an old copy of a folder is no news
     reports: dict[tuple[str, str], Path] = {}
     read = latest(_read(map(Path, folders), problems, reports))
-    new = [one for one in read if one not in before]
+    new = [flight_record for flight_record in read if flight_record not in before]
     if keep is not None:
         append_records(Path(keep), new)
-    records = [one for one in latest([*known, *new]) if campaign in {None, one.campaign}]
+    records = [
+        flight_record
+        for flight_record in latest([*known, *new])
+        if campaign in {None, flight_record.campaign}
+    ]
     if not records:
         problems.append(f"no flights of a campaign in {_names(folders)}")
     rows, varied = tuple(history_rows(records)), tuple(variations(records))

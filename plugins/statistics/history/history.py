@@ -100,11 +100,16 @@ def variations(records: Iterable[FlightRecord]) -> list[Variation]:
 
 def _row(group: Sequence[FlightRecord]) -> HistoryRow:
     first = group[0]
-    proven = [one for one in group if one.verdict in {"PASS", "FAIL"}]
-    passed = sum(one.verdict == "PASS" for one in proven)
-    margins = [one.margin for one in proven if one.margin is not None]
-    durations = [one.duration_s for one in proven if one.duration_s is not None]
-    figures = {(one.verdict, one.margin, one.duration_s) for one in proven}
+    proven = [flight_record for flight_record in group if flight_record.verdict in {"PASS", "FAIL"}]
+    passed = sum(flight_record.verdict == "PASS" for flight_record in proven)
+    margins = [flight_record.margin for flight_record in proven if flight_record.margin is not None]
+    durations = [
+        flight_record.duration_s for flight_record in proven if flight_record.duration_s is not None
+    ]
+    figures = {
+        (flight_record.verdict, flight_record.margin, flight_record.duration_s)
+        for flight_record in proven
+    }
     equal = len(proven) > 1 and len(figures) == 1 and bool(margins or durations)
     return HistoryRow(
         campaign=first.campaign,
@@ -127,8 +132,8 @@ def _row(group: Sequence[FlightRecord]) -> HistoryRow:
 def _variations_of(group: Sequence[FlightRecord]) -> list[Variation]:
     first = group[0]
     by_seed: dict[int, list[FlightRecord]] = {}
-    for one in group:
-        by_seed.setdefault(one.seed, []).append(one)
+    for flight_record in group:
+        by_seed.setdefault(flight_record.seed, []).append(flight_record)
     found = []
     torn = {seed: runs for seed, runs in by_seed.items() if len({r.verdict for r in runs}) > 1}
     named = (first.campaign, first.case, first.mode)
@@ -138,7 +143,7 @@ def _variations_of(group: Sequence[FlightRecord]) -> list[Variation]:
             found.append(Variation("flaky", *named, f"seed {seed}: {verdicts}"))
     settled = {runs[0].verdict for seed, runs in by_seed.items() if seed not in torn}
     if len(settled) > 1 or (torn and first.clock != "virtual"):
-        passed = sum(one.verdict == "PASS" for one in group)
+        passed = sum(flight_record.verdict == "PASS" for flight_record in group)
         text = f"{passed} of {len(group)} flights passed, over {len(by_seed)} seeds"
         if torn and first.clock != "virtual":
             text += f"; under the {first.clock} clock a seed does not repeat a flight"

@@ -60,31 +60,31 @@ class HistoryFileError(Exception):
     """A history file cannot be read or written; the message says which and why."""
 
 
-def records_of(campaign: CampaignDocuments) -> Iterator[FlightRecord]:
+def records_of(documents: CampaignDocuments) -> Iterator[FlightRecord]:
     """Yield the flights of a results folder; controls and runs without a result are left out."""
-    manifest = campaign.manifest
+    manifest = documents.manifest
     versions = manifest.get("versions")
     version = versions.get("wil-campaign") if isinstance(versions, dict) else None
     host = manifest.get("host")
     machine = host.get("name") if isinstance(host, dict) else None
-    for entry in campaign.entries:
+    for entry in documents.entries:
         if entry.result is None or entry.result.control is not None:
             continue
         yield FlightRecord(
-            campaign=campaign.name,
-            started_utc=str(manifest.get("started_utc") or campaign.folder),
+            campaign=documents.name,
+            started_utc=str(manifest.get("started_utc") or documents.folder),
             clock=str(manifest.get("clock") or "unknown"),
             version=str(version or "unknown"),
             case=entry.case,
             mode=entry.mode,
             rep=entry.rep,
             seed=entry.result.seed,
-            inputs=_inputs(campaign, entry),
+            inputs=_inputs(documents, entry),
             settings=_digest(settings_of(manifest)),
             verdict=entry.result.verdict,
             margin=_smallest_margin(entry.result),
             duration_s=entry.result.duration_s,
-            ending=None if campaign.summary is None else campaign.summary.ending,
+            ending=None if documents.summary is None else documents.summary.ending,
             host=str(machine or ""),
             firmware=_firmware_text(entry.result),
         )
@@ -122,7 +122,7 @@ def append_records(path: Path, records: Iterable[FlightRecord]) -> None:
     """Append flights to a history file. Raises HistoryFileError."""
     try:
         with path.open("a", encoding="utf-8") as stream:
-            stream.writelines(json.dumps(asdict(one)) + "\n" for one in records)
+            stream.writelines(json.dumps(asdict(record)) + "\n" for record in records)
     except OSError as error:
         raise HistoryFileError(f"{path} cannot be written: {error.strerror or error}") from error
 
@@ -130,11 +130,11 @@ def append_records(path: Path, records: Iterable[FlightRecord]) -> None:
 def latest(records: Iterable[FlightRecord]) -> list[FlightRecord]:
     """Return the last record of each flight, in the order of these."""
     found: dict[tuple[str, ...], FlightRecord] = {}
-    for one in records:
+    for record in records:
         # A line of an earlier version has no host: this is the same flight.
-        found.pop(_flight_key(replace(one, host="")), None)
-        found.pop(_flight_key(one), None)
-        found[_flight_key(one)] = one
+        found.pop(_flight_key(replace(record, host="")), None)
+        found.pop(_flight_key(record), None)
+        found[_flight_key(record)] = record
     return list(found.values())
 
 
@@ -143,12 +143,12 @@ def _flight_key(one: FlightRecord) -> tuple[str, ...]:
     return (one.campaign, one.started_utc, one.host, one.case, one.mode, one.rep)
 
 
-def _inputs(campaign: CampaignDocuments, entry: RunEntry) -> str:
+def _inputs(documents: CampaignDocuments, entry: RunEntry) -> str:
     """Return the digest of a run's documents, all files of the campaign, and all versions."""
-    manifest = campaign.manifest
+    manifest = documents.manifest
     host = manifest.get("host")
     machine = host.get("machine") if isinstance(host, dict) else None
-    own = _documents(campaign, entry)
+    own = _documents(documents, entry)
     read = [own, manifest.get("files"), manifest.get("versions"), machine, manifest.get("clock")]
     firmware = () if entry.result is None else entry.result.firmware
     # A result of an earlier version has none: its digest stays what a history file has.
@@ -162,12 +162,12 @@ def _firmware_inputs(one: FlownFirmware) -> list[object]:
 def _firmware_text(run: RunResult) -> str:
     """Return the firmware of a run's vehicles in words, without their units."""
     return "; ".join(
-        f"{one.vehicle}: {one.release}, {one.board}, {one.frame}" for one in run.firmware
+        f"{flown.vehicle}: {flown.release}, {flown.board}, {flown.frame}" for flown in run.firmware
     )
 
 
-def _documents(campaign: CampaignDocuments, entry: RunEntry) -> list[object]:
-    runs = campaign.manifest.get("runs")
+def _documents(documents: CampaignDocuments, entry: RunEntry) -> list[object]:
+    runs = documents.manifest.get("runs")
     return [
         run.get("documents")
         for run in (runs if isinstance(runs, list) else ())
@@ -183,6 +183,6 @@ def _digest(read: object) -> str:
 
 def _smallest_margin(run: RunResult) -> float | None:
     """Return the smallest margin in metres, which flights can be compared by, or else of all."""
-    in_metres = tuple(one for one in run.oracles if one.unit == "m")
+    in_metres = tuple(oracle for oracle in run.oracles if oracle.unit == "m")
     tightest = tightest_oracle(replace(run, oracles=in_metres)) or tightest_oracle(run)
     return None if tightest is None else tightest.margin

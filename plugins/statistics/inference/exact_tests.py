@@ -53,7 +53,7 @@ def stratified_exact(tables: Iterable[Table], alternative: Alternative = "two-si
     weights = [1]
     for first, second in given:
         weights = _convolved(weights, _hypergeometric(first, second))
-    lowest = sum(max(0, one.passed + other.passed - other.flown) for one, other in given)
+    lowest = sum(max(0, counts.passed + other.passed - other.flown) for counts, other in given)
     observed = sum(first.passed for first, _ in given) - lowest
     if alternative == "less":
         chosen = sum(weights[: observed + 1])

@@ -128,7 +128,7 @@ class GuardCore:
         frames = self.split_from_vehicle(name, data)
         if not frames:
             return ()
-        raw, judged = tuple([one.raw for one in frames]), self.judge_vehicle(name, frames, t_s)
+        raw, judged = tuple([frame.raw for frame in frames]), self.judge_vehicle(name, frames, t_s)
         has_gcs = self._supervised_vehicles[name].vehicle.gcs
         to_gcs = (ToGcs(name, raw),) if has_gcs else ()
         return (ToOrchestrator(name, raw), *to_gcs, *judged)

@@ -70,8 +70,8 @@ class SetpointMeter:
             self._note(LimitReport(f"{name} cannot be limited and is", 1.0, 0.0, ""), t_s)
             return None, None
         given, found = self._limiter.limit(asked, motion, t_s)
-        for one in found:
-            self._note(one, t_s)
+        for limit_report in found:
+            self._note(limit_report, t_s)
         if given is None or not found:
             return None if given is None else frame.raw, given
         return rewritten(frame, given, anchor), given

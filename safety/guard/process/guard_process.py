@@ -204,7 +204,7 @@ class GuardProcess:
             for text in await asyncio.to_thread(reap_orphans, folder):
                 self._note("leftover", text=text)
         sweep(runtime)
-        raw = {name: vehicle_link(one) for name, one in guard_config.vehicles.items()}
+        raw = {name: vehicle_link(vehicle) for name, vehicle in guard_config.vehicles.items()}
         self._clock = run_clock_of(
             guard_config,
             channel=self._channel,
@@ -214,18 +214,20 @@ class GuardProcess:
         if self._clock is not None:
             stack.callback(self._clock.close)
         links: dict[str, GuardLinks] = {}
-        for index, (name, one) in enumerate(guard_config.vehicles.items()):
+        for index, (name, vehicle) in enumerate(guard_config.vehicles.items()):
             inner = ChannelLink(
                 name=f"{name} orchestrator",
                 index=index,
                 channel=self._channel,
-                target=one.vehicle.target,
+                target=vehicle.vehicle.target,
             )
             self._links.append(inner)
             near = raw[name] if self._clock is None else self._clock.tap(name, raw[name])
-            links[name] = guard_links(one, near, inner, report=partial(self._on_link, "link", name))
+            links[name] = guard_links(
+                vehicle, near, inner, report=partial(self._on_link, "link", name)
+            )
         self._guard = LocalGuard(
-            vehicles={name: one.vehicle for name, one in guard_config.vehicles.items()},
+            vehicles={name: vehicle.vehicle for name, vehicle in guard_config.vehicles.items()},
             links=links,
             settings=guard_config.settings,
             plan=guard_config.plan,
@@ -319,7 +321,7 @@ class GuardProcess:
         elif isinstance(message, Command) and self._can_execute(message):
             self._guard.send(message)
         else:
-            self._take_rare(message)
+            self._receive_rare(message)
 
     def _can_execute(self, command: Command) -> bool:
         """Return whether the guard is there, and the command is one for it and its vehicles."""
@@ -334,7 +336,7 @@ class GuardProcess:
                 is_ours = True
         return is_ours and bool(self._links)
 
-    def _take_rare(self, message: ToGuard) -> None:
+    def _receive_rare(self, message: ToGuard) -> None:
         match message:
             case ConfigMessage() if not self._config_message.done():
                 self._config_message.set_result(message)
@@ -476,7 +478,7 @@ class GuardProcess:
         try:
             log.__exit__(None, None, None)
         except OSError as error:
-            known = {one.vehicle for one in self._guard.events if one.kind == "record"}
+            known = {event.vehicle for event in self._guard.events if event.kind == "record"}
             if name not in known:
                 self._event(unrecorded(name, asyncio.get_running_loop().time(), error))
 

@@ -24,7 +24,7 @@ def vehicle_link(guarded: Guarded) -> Link:
 
 def _spare_links(guarded: Guarded) -> list[Link]:
     signed = guarded.conditions.signing is not None
-    return [open_link(parse_link(one), signed=signed) for one in guarded.spares]
+    return [open_link(parse_link(spare), signed=signed) for spare in guarded.spares]
 
 
 def guard_links(

@@ -98,9 +98,9 @@ class RemoteGuard(Guard):
         }
         self._accelerations = {name: AccelerationEstimate() for name in self._names}
         self._fences = {
-            name: one.vehicle.fence
-            for name, one in guard_config.vehicles.items()
-            if one.vehicle.fence is not None
+            name: vehicle.vehicle.fence
+            for name, vehicle in guard_config.vehicles.items()
+            if vehicle.vehicle.fence is not None
         }
         """That hold: a position that breaches one does not wait."""
         self._requested_fences: deque[Mapping[str, Fence]] = deque()
@@ -341,9 +341,9 @@ class RemoteGuard(Guard):
             case Pace():
                 self._clock.take(message)
             case _:
-                self._take_rare(message)
+                self._receive_rare(message)
 
-    def _take_rare(self, message: ToOrchestrator) -> None:
+    def _receive_rare(self, message: ToOrchestrator) -> None:
         match message:
             case Unread(index, arrived_s):
                 name = self._names[index]
@@ -392,8 +392,8 @@ class RemoteGuard(Guard):
         """Listen to the vehicles after the guard's loss until all are disarmed."""
         vehicles = self._guard_config.vehicles
         watched = {
-            name: link_maker(one, self._ports[name])
-            for name, one in vehicles.items()
+            name: link_maker(vehicle, self._ports[name])
+            for name, vehicle in vehicles.items()
             if name in self._received and name not in self._ended
         }
         targets = {name: vehicles[name].vehicle.target for name in watched}

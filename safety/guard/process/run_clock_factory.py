@@ -170,7 +170,9 @@ def run_clock_of(
     return ClockFollower(
         setup=setup,
         leader=setup.leader,
-        systems={name: one.vehicle.target.system for name, one in guard_config.vehicles.items()},
+        systems={
+            name: vehicle.vehicle.target.system for name, vehicle in guard_config.vehicles.items()
+        },
         pace_frames=_pace_frames(guard_config, setup.launched),
         loop=loop,
         publish=publish,

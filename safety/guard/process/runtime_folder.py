@@ -94,7 +94,7 @@ def _places() -> tuple[Path, ...]:
     # Its own folder: what else of ours is in the one above (parameter backups) others may read.
     home = home_folder()
     places = [usual] if home is None else [usual, home / ".local/state" / _FOLDER / "run"]
-    return tuple(one for one in places if len(os.fsencode(one)) <= _LONGEST_BYTES)
+    return tuple(place for place in places if len(os.fsencode(place)) <= _LONGEST_BYTES)
 
 
 def _is_there(folder: Path) -> bool:

@@ -35,7 +35,7 @@ class GeometryFinder:
     def find(self, reading: CameraReading) -> Detection | None:
         if self.hidden[0] <= reading.t_s < self.hidden[1]:
             return None
-        shown = [CAMERA.project(self.pose.to_local(one)) for one in self.corners(reading.t_s)]
+        shown = [CAMERA.project(self.pose.to_local(corner)) for corner in self.corners(reading.t_s)]
         found = [one for one in shown if one is not None]
         if not found:
             return None

@@ -24,7 +24,7 @@ POSITION = "position: {north_m: 2, east_m: 0, up_m: 1.2}"
 
 def warned(files: Any) -> list[str]:
     """Return the warnings of the campaign, without the folder."""
-    return [one.headline.removeprefix(f"{files.folder}/") for one in files.load().warnings]
+    return [warning.headline.removeprefix(f"{files.folder}/") for warning in files.load().warnings]
 
 
 def test_a_good_campaign_is_not_warned_of(files: Any) -> None:
@@ -339,7 +339,7 @@ def test_a_missing_world_hides_neither_fence_nor_formula(files: Any) -> None:
     files.change("north_m: [-1, 4]", "north_m: [1, 4]")
     rule = '"always (upp_m < 2 and distance_gate_m > 0 and fence_margin_m > 0)"'
     files.change("  collision: {}", f"  collision: {{}}\n  rule: {{stl: {rule}}}")
-    said = [one.partition(": ")[2] for one in files.faults()]
+    said = [fault.partition(": ")[2] for fault in files.faults()]
     assert said == [
         "'real' starts 1.00 m outside of the geofence's south side",
         "'twin' starts 1.00 m outside of the geofence's south side",

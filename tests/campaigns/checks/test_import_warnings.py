@@ -41,8 +41,8 @@ def test_an_import_from_deeper_is_reported_with_the_public_name(
     (tmp_path / "helper.py").write_text(f"\n{line}\n")
     (tmp_path / "vehicles.py").touch()
     found = [
-        (one.file, one.line, one.message.rpartition(": ")[2])
-        for one in load_campaign(path).warnings
-        if "internal to wil-campaign" in one.message
+        (warning.file, warning.line, warning.message.rpartition(": ")[2])
+        for warning in load_campaign(path).warnings
+        if "internal to wil-campaign" in warning.message
     ]
     assert found == ([(str(tmp_path / "helper.py"), 2, remedy)] if remedy else [])

@@ -38,7 +38,7 @@ def load(files: Any, more: str = "", **options: Any) -> Campaign:
 def faults(files: Any, more: str = "", **options: Any) -> list[str]:
     with pytest.raises(BadInput) as caught:
         load(files, more, **options)
-    return [one.headline.removeprefix(f"{files.folder}/") for one in caught.value.problems]
+    return [problem.headline.removeprefix(f"{files.folder}/") for problem in caught.value.problems]
 
 
 def test_runs_are_those_of_the_parts_under_their_names(both: Any) -> None:
@@ -52,8 +52,8 @@ def test_runs_are_those_of_the_parts_under_their_names(both: Any) -> None:
         assert run.required == own.required
     seeds = {(run.case.partition(".")[0], run.seed) for run in whole.runs}
     assert len({seed for _, seed in seeds}) == len(seeds)
-    assert {str(one.share) for one in whole.requirements} == {"3/3", "2/3"}
-    assert {one.case for one in whole.requirements} == {"one.large", "other.large"}
+    assert {str(requirement.share) for requirement in whole.requirements} == {"3/3", "2/3"}
+    assert {requirement.case for requirement in whole.requirements} == {"one.large", "other.large"}
     assert set(whole.setups) >= set(whole.cases)
     assert both.folder / "other.yaml" in whole.paths
 

@@ -44,7 +44,7 @@ def test_a_control_differs_from_its_case_by_its_settings_alone(files: Any) -> No
     setups = {plan.name: plan.setup() for plan in campaign.plans}
     assert setups["blind/wil/1"].under_test.use == "straight"
     assert setups["empty/wil/1"].under_test.use == "pilot.py:Pilot"
-    gates = {name: one.world.scene("sim", "Wv")["gate"].shape for name, one in setups.items()}
+    gates = {name: setup.world.scene("sim", "Wv")["gate"].shape for name, setup in setups.items()}
     limits = {name: shape.openings[0].limit_m for name, shape in gates.items()}
     assert limits["empty/wil/1"] == limits["small/wil/1"] != limits["large/wil/1"]
 

@@ -255,9 +255,9 @@ def test_an_oracle_may_be_used_twice_by_different_names(files: Any) -> None:
 def test_a_pose_source_is_as_exact_as_its_kind_or_as_given(files: Any) -> None:
     def accuracies() -> list[float]:
         setup = files.load().runs[0].setup()
-        return [one.pose_accuracy.position_m for one in setup.vehicles.values()]
+        return [vehicle.pose_accuracy.position_m for vehicle in setup.vehicles.values()]
 
-    kinds = [one.pose_source for one in files.load().runs[0].setup().vehicles.values()]
+    kinds = [vehicle.pose_source for vehicle in files.load().runs[0].setup().vehicles.values()]
     usual = {"mocap": 0.002, "mavlink": 1.0}
     assert accuracies() == [usual[kind] for kind in kinds]
     said = "profile: cage\n    pose_accuracy: {position_m: 0.03, attitude_deg: 1}"

@@ -50,6 +50,6 @@ def test_an_actor_that_no_vehicle_can_fly_is_refused(sets: tuple[str, ...], said
 def test_a_parameter_of_an_actor_without_effect_is_warned_of() -> None:
     sets = (FLOWN, "actors.intruder.params={RTL_TYPE: 1, MPC_XY_P: 0.9}", "controls={}")
     options = Options(cases=("fast",), modes=("sim",), sets=sets, loads_code=False)
-    texts = [str(one) for one in load_campaign(AVOID, options).warnings]
+    texts = [str(warning) for warning in load_campaign(AVOID, options).warnings]
     assert sum("carries 'RTL_TYPE', and nothing acts on it" in text for text in texts) == 1
     assert not any("carries 'MPC_XY_P'" in text for text in texts)

@@ -93,7 +93,7 @@ def test_a_campaign_takes_vehicle_and_fence_of_its_bench(asking: Files) -> None:
     for setup in campaign.setups.values():
         real = setup.vehicles["real"]
         assert real.attached == parse_link("udpin://127.0.0.1:14540")
-        assert [one.name for one in real.sensors] == ["camera"]
+        assert [sensor.name for sensor in real.sensors] == ["camera"]
         assert real.start.position_ned_m[0] == 0.5  # of the campaign, beside keys of the bench
         assert set(setup.fences) == {"real", "twin"}
     flown = campaign.runs[0].setup()
@@ -149,7 +149,9 @@ def test_a_key_that_the_bench_defines_is_refused_in_the_campaign(
 ) -> None:
     asking.change(old, new)
     faults = asking.faults(benches=(bench_of(BENCH),))
-    assert any(one.endswith(said) and one.startswith("campaign.yaml:") for one in faults), faults
+    assert any(fault.endswith(said) and fault.startswith("campaign.yaml:") for fault in faults), (
+        faults
+    )
 
 
 @pytest.mark.parametrize(

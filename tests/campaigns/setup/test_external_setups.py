@@ -5,7 +5,7 @@ import math
 import pytest
 
 from tests.campaigns.conftest import Files
-from wil_campaign.campaigns.setup.case_setup import Setup
+from wil_campaign.campaigns.setup.case_setup import Case
 
 CAMERA = "camera: {type: camera, rate_hz: 15, width_px: 320, height_px: 240, fov_deg: 69}"
 REAL = f"    pose_source: mocap\n    sensors:\n      {CAMERA}\n"
@@ -19,7 +19,7 @@ latency_ms: 83
 """
 
 
-def setup(files: Files) -> Setup:
+def setup(files: Files) -> Case:
     return files.load().setups["large"]
 
 

@@ -229,7 +229,7 @@ def test_all_inclusions_of_a_plan_count_as_in_both_autopilots(files: Any) -> Non
     assert fence.margin_m(AHEAD) < 0.0
     (files.folder / "two.plan").write_text(inclusions(square(0, 0, 6), square(1.5, 0, 6)))
     files.change(BOX, "  file: two.plan\n  up_m: [-0.5, 2.3]\n")
-    (said,) = [str(one) for one in files.load().warnings if "two.plan" in str(one)]
+    (said,) = [str(warning) for warning in files.load().warnings if "two.plan" in str(warning)]
     assert "has 2 inclusions: a vehicle has to be inside all of them, as in both autopilots" in said
     # In the campaign, and in GeoJSON, any counts.
     drawn = geojson(*(feature("Polygon", [lon_lat(s)]) for s in (square(0, 0), square(1.5, 0))))

@@ -18,7 +18,7 @@ def with_sensor(files: Files, sensor: str, *, of: str = "real") -> None:
 
 def source(files: Files, of: str = "real") -> ReadingSourceSetup:
     vehicles = files.load().setups["large"].vehicles
-    ((_, found),) = {str(name): one for name, one in vehicles.items()}[of].sourced
+    ((_, found),) = {str(name): vehicle for name, vehicle in vehicles.items()}[of].sourced
     return found
 
 
@@ -95,7 +95,9 @@ def test_a_depth_camera_of_the_twin_that_only_streams_cannot_be_registered(files
         " merge: {aggregate: {by: min}}, publish: [real]}\n"
     )
     (files.folder / "recipe.yaml").write_text(recipe)
-    assert any("cannot provide a reading from a requested pose" in one for one in files.faults())
+    assert any(
+        "cannot provide a reading from a requested pose" in fault for fault in files.faults()
+    )
 
 
 @pytest.mark.parametrize(
@@ -154,4 +156,4 @@ def test_an_impossible_reading_source_is_named_at_its_place(
 def test_a_twin_that_is_placed_sends_nothing_by_mavlink(files: Files) -> None:
     with_sensor(files, "type: gps, source: mavlink", of="twin")
     files.change("    autopilot: ardupilot\n", "    autopilot: ardupilot\n    coupling: placed\n")
-    assert any("a placed twin does not fly" in one for one in files.faults())
+    assert any("a placed twin does not fly" in fault for fault in files.faults())

@@ -34,8 +34,10 @@ def with_sensors(files: Files, text: str) -> None:
 
 def test_every_type_of_reading_has_its_sensor(files: Files) -> None:
     with_sensors(files, ALL)
-    sensors = {one.name: one for one in files.load().setups["large"].vehicles["real"].sensors}
-    kinds_of_all = {one.kind for one in sensors.values()}
+    sensors = {
+        sensor.name: sensor for sensor in files.load().setups["large"].vehicles["real"].sensors
+    }
+    kinds_of_all = {sensor.kind for sensor in sensors.values()}
     assert kinds_of_all == set(sensor_names()), "ALL and CAMERA above name each sensor type once"
     assert isinstance(sensors["camera"], CameraSetup)
     assert isinstance(sensors["stereo"], DepthSetup)

@@ -43,8 +43,8 @@ def real(files: Any) -> Any:
 
 def test_embedded_vehicles_have_ids_of_their_own(files: Any) -> None:
     vehicles = next(iter(files.load().setups.values())).vehicles
-    assert [one.system_id for one in vehicles.values()] == [1, 2]
-    assert all(one.embedded and one.attached is None for one in vehicles.values())
+    assert [vehicle.system_id for vehicle in vehicles.values()] == [1, 2]
+    assert all(vehicle.embedded and vehicle.attached is None for vehicle in vehicles.values())
 
 
 def test_a_campaign_may_attach_a_vehicle(files: Any) -> None:
@@ -131,7 +131,7 @@ def test_paces_that_contradict_each_other_are_reported(
     program(files.folder, "arducopter")
     outside(files, FAST, autopilot="ardupilot")
     files.change(TWIN, TWIN.replace("link: embedded", twin))
-    found = {one for one in files.faults() if said in one}
+    found = {fault for fault in files.faults() if said in fault}
     assert len(found) == 1
     assert remedy in found.pop()
 

@@ -96,7 +96,7 @@ class Outcome:
         kind = "InjectedError" if self.injection.error == "exception" else "CancelledError"
         lines = [one for one in self.log if one["event"] == "error" and one.get("type") == kind]
         if not any(
-            "injected at" in one["message"] and "Traceback" in one["trace"] for one in lines
+            "injected at" in line["message"] and "Traceback" in line["trace"] for line in lines
         ):
             found.append("no type, message and traceback in log.jsonl")
         reasons = [self.result.reason, *(one.reason for one in self.result.also)]

@@ -132,10 +132,12 @@ async def _fly(folder: Path, outcome: GuardOutcome, probe: Probe) -> None:
 
     def unhandled(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         error = context.get("exception")
-        faults.take(error if isinstance(error, BaseException) else RuntimeError(str(context)), "?")
+        faults.record(
+            error if isinstance(error, BaseException) else RuntimeError(str(context)), "?"
+        )
 
     loop.set_exception_handler(unhandled)
-    account = TaskAccount(fault=faults.take, expected=(VehicleError, OSError))
+    account = TaskAccount(fault=faults.record, expected=(VehicleError, OSError))
     flight = RemoteFlight(folder, lost_s=1.0)
 
     def event(happened: Any) -> None:
@@ -149,7 +151,7 @@ async def _fly(folder: Path, outcome: GuardOutcome, probe: Probe) -> None:
             async with flight:
                 await _in_the_air(folder, flight)
         except BaseException as error:  # noqa: BLE001 - whatever it is, the run is told
-            faults.take(error, "the flight")
+            faults.record(error, "the flight")
     probe.injection = None
     await _landed(folder)
 

@@ -79,7 +79,9 @@ class OperatorFlights:
         log = folder / "log.jsonl"
         lines = log.read_text().splitlines() if log.exists() else []
         entries = [json.loads(line) for line in lines]
-        outcome.logged = [f"{one['type']}: {one['message']}\n{one['trace']}" for one in entries]
+        outcome.logged = [
+            f"{entry['type']}: {entry['message']}\n{entry['trace']}" for entry in entries
+        ]
         shutil.rmtree(folder)
         return outcome
 
@@ -95,10 +97,12 @@ async def _operate(folder: Path, outcome: OperatorOutcome, probe: Probe) -> None
 
     def unhandled(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         error = context.get("exception")
-        faults.take(error if isinstance(error, BaseException) else RuntimeError(str(context)), "?")
+        faults.record(
+            error if isinstance(error, BaseException) else RuntimeError(str(context)), "?"
+        )
 
     loop.set_exception_handler(unhandled)
-    account = TaskAccount(fault=faults.take, expected=(OutputError, OperatingError, OSError))
+    account = TaskAccount(fault=faults.record, expected=(OutputError, OperatingError, OSError))
     controller = make_controller(folder, FakeFleet())
     with account.of(loop):
         try:
@@ -107,7 +111,7 @@ async def _operate(folder: Path, outcome: OperatorOutcome, probe: Probe) -> None
                 await _use_socket(folder)
                 await _use_broker(controller)
         except BaseException as error:  # noqa: BLE001 - whatever it is, the campaign is told
-            faults.take(error, "the campaign")
+            faults.record(error, "the campaign")
 
 
 async def _use_socket(folder: Path) -> None:

@@ -23,7 +23,7 @@ _STAGES |= {"land", "landed", "end"}
 
 def sample(injections: list[Injection], kind: str) -> list[Injection]:
     """Return those of a kind that are to be flown now."""
-    of_kind = [one for one in injections if one.point.kind == kind]
+    of_kind = [injection for injection in injections if injection.point.kind == kind]
     asked = os.environ.get("WIL_EXCEPTIONS", str(_SAMPLE))
     if asked == "all" or len(of_kind) <= int(asked):
         return of_kind

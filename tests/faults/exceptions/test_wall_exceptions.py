@@ -77,7 +77,7 @@ def sample(injections: list[Injection]) -> list[Injection]:
         return injections
     chosen: list[Injection] = []
     for kind in ("await", "callback"):
-        of_kind = [one for one in injections if one.point.kind == kind]
+        of_kind = [injection for injection in injections if injection.point.kind == kind]
         rng = np.random.default_rng([_SEED, len(kind)])
         indices = rng.choice(len(of_kind), size=min(int(asked), len(of_kind)), replace=False)
         chosen += [of_kind[index] for index in sorted(indices)]

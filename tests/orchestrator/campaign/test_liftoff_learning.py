@@ -23,9 +23,9 @@ def campaign() -> Campaign:
 def known(campaign: Campaign, clock: Clock, mode: str, **measured_s: float) -> dict[str, float]:
     """Return what a run of the pair is told after one of a mode that measured this."""
     learning = LiftoffLearning(campaign, clock)
-    flown = next(one for one in campaign.runs if one.mode == mode)
+    flown = next(run for run in campaign.runs if run.mode == mode)
     learning.learn(flown, replace(result(), sync=SyncResult(liftoff_delays_s=measured_s)))
-    pair = next(one for one in campaign.runs if one.mode == "wil")
+    pair = next(run for run in campaign.runs if run.mode == "wil")
     order = RunOrder(plan=pair, folder=Path("run"), clock=clock)
     return dict(learning.ready(order).liftoff_delays_s)
 

@@ -56,8 +56,8 @@ def test_a_recorded_run_is_judged_as_it_was_flown(
     assert result.verdict == verdict
     write_whole(folder / "result.json", to_json(result))
     rejudged = judge_run_again(plan_of(sets), folder)
-    for one, other in zip(rejudged.now.oracles, result.oracles, strict=True):
-        assert one == other
+    for oracle, other in zip(rejudged.now.oracles, result.oracles, strict=True):
+        assert oracle == other
     # Whether it is required goes by the campaign, which the fixture has narrowed alike.
     assert rejudged.now == result
     assert rejudged.before == result

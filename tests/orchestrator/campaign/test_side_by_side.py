@@ -68,7 +68,7 @@ async def test_programs_with_one_output_folder_have_own_folders_and_lose_nothing
     assert len(folders) == 3
     for folder in folders:
         results = [json.loads(path.read_text("utf-8")) for path in folder.rglob("result.json")]
-        assert [one["verdict"] for one in results] == ["PASS"]
+        assert [result["verdict"] for result in results] == ["PASS"]
         assert json.loads((folder / "summary.json").read_text("utf-8"))["totals"]["passed"] == 1
     assert left_in(runtime) == []
 

@@ -104,4 +104,4 @@ async def test_an_attached_vehicle_s_own_sensors_and_a_program_s_are_flown_by(
     (run,) = summary["runs"]
     sources = {one["sensor"]: one for one in run["outside"]["sources"]}
     assert set(sources) == {"below", "imu", "ear"}
-    assert min(one["delivered"] for one in sources.values()) > 50
+    assert min(source["delivered"] for source in sources.values()) > 50

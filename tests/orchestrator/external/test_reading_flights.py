@@ -99,14 +99,19 @@ def test_sensors_that_the_vehicle_sends_are_mixed_as_any(fly_run: Fly, tmp_path:
     result, folder = fly_run(sets=mixed(tmp_path, **given), has_cameras=False)
     assert result.verdict == "PASS", result.reason
     assert result.outside is not None
-    assert {one.sensor for one in result.outside.sources} == set(given)
-    for one in result.outside.sources:
-        assert (one.vehicle, one.source, one.damaged, one.stalls) == ("real", "live", 0, 0)
-        assert one.delivered > 100
+    assert {source.sensor for source in result.outside.sources} == set(given)
+    for source in result.outside.sources:
+        assert (source.vehicle, source.source, source.damaged, source.stalls) == (
+            "real",
+            "live",
+            0,
+            0,
+        )
+        assert source.delivered > 100
     assert result.mixing is not None
     assert result.mixing.frames > 100
     assert all_landed(folder)
-    felt = [one for one in readings(folder) if isinstance(one, ImuReading)]
+    felt = [reading for reading in readings(folder) if isinstance(reading, ImuReading)]
     down = [one.specific_force_frd_m_s2[2] for one in felt if one.source == "real"]
     assert sum(down) / len(down) == pytest.approx(-9.8, abs=0.5)
 
@@ -125,12 +130,16 @@ def test_a_lidar_has_the_distances_of_the_autopilot_s_sectors(
     result, folder = fly_run(mode="real", sets=(*sets, *AHEAD), has_cameras=False)
     assert result.verdict == "PASS", result.reason
     assert result.outside is not None
-    assert [one.delivered > 50 for one in result.outside.sources] == [True, True]
-    scans = [one for one in readings(folder) if isinstance(one, LidarScanReading)]
-    assert {float(one.ranges_m[54]) for one in scans} == {3.0}, "90 degrees to the right"
-    assert all(math.isinf(one.ranges_m[0]) for one in scans), "behind"
-    assert max(one.ranges_m[36] for one in scans) - min(one.ranges_m[36] for one in scans) > 2.0
-    heights = [-one.pose.position_ned_m[2] for one in readings(folder) if type(one) is PoseReading]
+    assert [source.delivered > 50 for source in result.outside.sources] == [True, True]
+    scans = [reading for reading in readings(folder) if isinstance(reading, LidarScanReading)]
+    assert {float(scan.ranges_m[54]) for scan in scans} == {3.0}, "90 degrees to the right"
+    assert all(math.isinf(scan.ranges_m[0]) for scan in scans), "behind"
+    assert max(scan.ranges_m[36] for scan in scans) - min(scan.ranges_m[36] for scan in scans) > 2.0
+    heights = [
+        -reading.pose.position_ned_m[2]
+        for reading in readings(folder)
+        if type(reading) is PoseReading
+    ]
     assert max(heights) == pytest.approx(0.5, abs=0.2)
 
 
@@ -138,7 +147,7 @@ def test_an_ardupilot_sends_mg_and_mrad(fly_run: Fly, tmp_path: Path) -> None:
     sets = mixed(tmp_path, imu="source: mavlink", gps="source: mavlink")
     result, folder = fly_run("gate-ardupilot", sets=sets, has_cameras=False)
     assert result.verdict == "PASS", result.reason
-    felt = [one for one in readings(folder) if isinstance(one, ImuReading)]
+    felt = [reading for reading in readings(folder) if isinstance(reading, ImuReading)]
     down = [one.specific_force_frd_m_s2[2] for one in felt if one.source == "real"]
     assert sum(down) / len(down) == pytest.approx(-9.8, abs=0.5)
 
@@ -272,7 +281,7 @@ def test_a_bag_of_ros_2_is_flown_by(fly_run: Fly, tmp_path: Path) -> None:
     (one,) = result.outside.sources
     assert (one.source, one.damaged) == ("file", 0)
     assert one.delivered > 100
-    assert {ranges_of(one) for one in readings(folder)} == {1.5}
+    assert {ranges_of(reading) for reading in readings(folder)} == {1.5}
 
 
 def opened(file: TopicReadings) -> Reading | None:
@@ -358,7 +367,7 @@ def test_recorded_depth_is_mixed_perceived_recorded_and_read_back(
     assert result.outside is not None
     (source,) = result.outside.sources
     assert (source.sensor, source.source, source.damaged) == ("depth", "file", 0)
-    there = [one for one in readings(folder) if isinstance(one, DepthReading)]
+    there = [reading for reading in readings(folder) if isinstance(reading, DepthReading)]
     reals, mixtures = ([one for one in there if one.source == name] for name in ("real", "mixed"))
     assert len(reals) > 50
     assert len(mixtures) > 50
@@ -366,8 +375,10 @@ def test_recorded_depth_is_mixed_perceived_recorded_and_read_back(
         assert real.rendered is False
         assert real.depth_m[40, 40] == pytest.approx(2.5)
         assert math.isinf(real.depth_m[0, 0])
-    assert all((one.depth_m <= 2.5 + 1e-6)[20:].all() for one in mixtures), "the lesser distance"
-    assert any((one.depth_m < 2.0).any() for one in mixtures), "of the twin's world as well"
+    assert all((mixture.depth_m <= 2.5 + 1e-6)[20:].all() for mixture in mixtures), (
+        "the lesser distance"
+    )
+    assert any((mixture.depth_m < 2.0).any() for mixture in mixtures), "of the twin's world as well"
     # The recording is a source itself.
     file = TopicReadings(
         path=folder / "run.mcap", kind="depth", topic="/real/depth", camera=reals[0].intrinsics
@@ -401,7 +412,7 @@ class FakeDepth(ZmqReadings):
             made = type(self).spoil(given)
             if made is not None:
                 try:
-                    self.take(msgpack.packb(made), now_s)
+                    self.receive(msgpack.packb(made), now_s)
                 except BadMessageError as error:
                     self.refuse(str(error))
             await asyncio.sleep(0.1)

@@ -294,4 +294,6 @@ def test_an_autonomy_slower_than_real_time_qualifies_a_pass() -> None:
         "and would have had 6.0 s: on the wall clock it fails (large wil, 2 runs)"
     )
     assert "slower than real time: real" in lines[-1]
-    assert not any("slower" in one for one in caveat_lines(run(verdict="FAIL", slow=(slow,))))
+    assert not any(
+        "slower" in caveat_line for caveat_line in caveat_lines(run(verdict="FAIL", slow=(slow,)))
+    )

@@ -39,7 +39,7 @@ def test_a_fault_that_its_handler_raises_again_is_recorded_once() -> None:
         raise boom
 
     faults, logged = faults_of(take)
-    faults.take(boom, "a display")
+    faults.record(boom, "a display")
     assert logged == ["a display: ValueError: boom"]
 
 
@@ -53,7 +53,7 @@ def test_a_cancellation_that_a_fault_handler_requests_is_raised() -> None:
     faults, logged = faults_of(take)
 
     async def run() -> None:
-        faults.take(ValueError("boom"), "a display")
+        faults.record(ValueError("boom"), "a display")
 
     with pytest.raises(asyncio.CancelledError):
         asyncio.run(run())

@@ -32,6 +32,6 @@ def test_one_takeoff_that_was_held_up_teaches_nothing() -> None:
     learned = LiftoffDelays()
     assert learned.of("twin") is None
     for delay_s in (2.0, 2.1, 9.0, 2.2):
-        learned.take("twin", delay_s)
+        learned.record("twin", delay_s)
     assert learned.of("twin") == pytest.approx(2.15)
     assert learned.of("real") is None

@@ -146,7 +146,7 @@ def write_flown(
     )
     (folder / "summary.json").write_text(to_json(summary))
     cells = {(one.case, one.mode): one for one in given}.values()
-    more = [replace(one, rep=rep) for one in cells for rep in range(1, planned + 1)]
+    more = [replace(cell, rep=rep) for cell in cells for rep in range(1, planned + 1)]
     runs = {one.name: one for one in (*given, *more)}
     manifest: dict[str, object] = {
         "campaign": name,
@@ -156,12 +156,12 @@ def write_flown(
         "files": {"gate.yaml": "sha256:0"},
         "host": {"name": host, "machine": "x86_64", "cores": 2},
         "runs": [
-            {"run": name, "seed": 1, "documents": documents(one)} for name, one in runs.items()
+            {"run": name, "seed": 1, "documents": documents(run)} for name, run in runs.items()
         ],
         "document": dict(document or {"campaign": name}),
     }
     if requirements is not None:
-        manifest["requirements"] = [asdict(one) for one in requirements]
+        manifest["requirements"] = [asdict(requirement) for requirement in requirements]
     (folder / "campaign.json").write_text(json.dumps(manifest))
     return folder
 

@@ -42,7 +42,9 @@ def test_documents_of_a_folder_are_refused_by_name(tmp_path: Path) -> None:
     folder = write_campaign(tmp_path / "campaign")
     (folder / "summary.json").write_bytes(MANY)
     problems = read_campaign(folder).problems
-    assert any("summary.json" in one and "at most 5000000 are read" in one for one in problems)
+    assert any(
+        "summary.json" in problem and "at most 5000000 are read" in problem for problem in problems
+    )
     with (folder / "summary.json").open("ab") as stream:
         stream.truncate(MAX_RESULTS_BYTES + 1)
     with pytest.raises(UnreadableError, match="larger than"):

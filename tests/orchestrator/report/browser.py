@@ -69,7 +69,7 @@ class Program:
         found: dict[str, Any] = answer["result"]
         return found
 
-    def take_event(self) -> None:
+    def receive_event(self) -> None:
         """Wait for an event, and have its page note it."""
         self._note(self._receive())
 
@@ -131,7 +131,7 @@ class Page:
         before = self._loaded
         self.send("Page.navigate", url=url)
         while self._loaded == before:
-            self._program.take_event()
+            self._program.receive_event()
 
     def value(self, script: str) -> Any:
         """Return what an expression comes to."""

@@ -45,7 +45,7 @@ def test_the_page_works_by_itself(page: Page) -> None:
     for fragment in ("overview", "run-large-wil-1", "run-large-sim-1"):
         show(page, fragment)
     assert page.errors == []
-    assert [one for one in page.requests if not one.startswith("data:")] == []
+    assert [request for request in page.requests if not request.startswith("data:")] == []
     # The check can fail: what the policy forbids is seen as an error.
     page.value(
         "void document.body.append(Object.assign(new Image(), {src: 'http://127.0.0.1:9/'}))"

@@ -30,7 +30,7 @@ RISES = (
 def lifted(*samples: tuple[float, float, float]) -> float | None:
     liftoff = LiftoffDetector()
     for t_s, height_m, climb_m_s in samples:
-        liftoff.take(t_s, height_m=height_m, climb_m_s=climb_m_s)
+        liftoff.observe(t_s, height_m=height_m, climb_m_s=climb_m_s)
     return liftoff.liftoff_s
 
 

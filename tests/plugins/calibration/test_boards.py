@@ -25,13 +25,13 @@ def off_px(board: ChessBoard | CharucoBoard, sightings: list[Sighting]) -> float
     """How far corners are found from where they are."""
     matrix, distortion = matrices(LENS)
     worst = []
-    for view, one in zip(VIEWS, sightings, strict=True):
+    for view, sighting in zip(VIEWS, sightings, strict=True):
         rotation, position = placed(board, view)
-        ahead = one.board_m @ rotation.T + position
+        ahead = sighting.board_m @ rotation.T + position
         pixels = cv2.projectPoints(
             ahead.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), matrix, distortion
         )[0].reshape(-1, 2)
-        worst.append(np.linalg.norm(pixels - one.pixels, axis=1))
+        worst.append(np.linalg.norm(pixels - sighting.pixels, axis=1))
     return float(np.sqrt(np.mean(np.square(np.concatenate(worst)))))
 
 

@@ -94,7 +94,7 @@ async def test_board_and_poses_come_together(monkeypatch: pytest.MonkeyPatch, po
     assert asked[0]["intrinsics"].width_px == 640
     assert seen.size == SIZE
     assert len(seen.sightings) == seen.searched >= 1
-    stamps = [one.t_s for one in seen.sightings]
+    stamps = [sighting.t_s for sighting in seen.sightings]
     assert stamps == sorted(stamps)
     assert np.all(np.diff(stamps) > 0.099)  # every second one at most
     assert path is not None

@@ -35,7 +35,7 @@ def test_a_file_that_can_be_used_has_at_most_warnings(
     assert sarif["version"] == "2.1.0"
     assert sarif["runs"][0]["tool"]["driver"]["name"] == "wil-campaign"
     results = sarif["runs"][0]["results"]
-    assert {one["level"] for one in results} == {"warning"}
+    assert {result["level"] for result in results} == {"warning"}
     assert {one["severity"] for one in quality} == {"minor"}
     assert {one["location"]["path"] for one in quality} == {"sub dir/still.py"}
     assert json.loads(sarif_text((), ()))["runs"][0]["results"] == []
@@ -71,7 +71,7 @@ def test_equal_faults_differ_and_what_is_no_file_has_no_location() -> None:
     assert len({one["fingerprint"] for one in quality}) == 3
     assert [one["severity"] for one in quality] == ["major", "major", "minor"]
     results = json.loads(sarif_text(twice, warned))["runs"][0]["results"]
-    assert [one["level"] for one in results] == ["error", "error", "warning"]
+    assert [result["level"] for result in results] == ["error", "error", "warning"]
     assert "locations" not in results[0]
     assert results[2]["message"]["text"] == "--set a=1: is odd"
 

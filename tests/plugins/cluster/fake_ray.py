@@ -127,7 +127,7 @@ class FakeRay:
         class Remote:
             @staticmethod
             def remote() -> FakeActor:
-                there = sum(not one.is_dead for one in ray.actors)
+                there = sum(not actor.is_dead for actor in ray.actors)
                 ray.actors.append(FakeActor(ray._agent) if there < ray.cpus else PendingActor())
                 return ray.actors[-1]
 
@@ -135,7 +135,7 @@ class FakeRay:
 
     def get(self, references: list[FakeReference], timeout: float) -> list[Any]:
         try:
-            return [one.future().result(timeout) for one in references]
+            return [reference.future().result(timeout) for reference in references]
         except FutureTimeoutError as error:
             raise _GetTimeoutError from error
 

@@ -152,7 +152,7 @@ async def test_a_campaign_that_reads_nothing_keeps_no_abort_from_a_run(
         one.cancel()
     await asyncio.wait(flying)
     assert not reader.blocked
-    assert [(one.kind, one.who) for one in worker.commands] == [("abort", "ben")]
+    assert [(command.kind, command.who) for command in worker.commands] == [("abort", "ben")]
 
 
 async def test_an_end_waits_for_its_reader_behind_the_news_before(

@@ -227,11 +227,11 @@ def test_the_wait_for_a_full_cluster_is_reported_and_a_part_flies(
         "a run waits for a worker with 1 CPU: its node is still loading wil-campaign, others "
         "have its place, or a node is missing; places: here 0; waiting up to 3 s"
     )
-    assert all(one.is_dead for one in ray.actors)
+    assert all(actor.is_dead for actor in ray.actors)
     ray = FakeRay(QuickAgent, 1)
     (agent,) = hire_agents(ray, 2, cores=1, say=said.append)
     assert said[-1] == "1 of 2 runs have a place on the cluster and start"
-    assert [one.is_dead for one in ray.actors] == [False, True]
+    assert [actor.is_dead for actor in ray.actors] == [False, True]
     assert agent.node == node_facts()["node"]
 
 

@@ -240,7 +240,7 @@ def test_a_result_sent_for_a_program_that_died_is_fetched_by_the_next_one(
     assert events(folder) == ["begun", "ordered"]
     assert not (folder / "default/sim/1/result.json").exists()
     again = fly(path, tmp_path / "out", store, resume=True)
-    assert [one.verdict for one in again.summary.runs] == ["PASS"]
+    assert [run.verdict for run in again.summary.runs] == ["PASS"]
     assert events(folder) == ["begun", "ordered", "found", "begun"]
 
 

@@ -42,7 +42,7 @@ def test_a_campaign_is_read_where_it_was_unpacked_and_nowhere_else(tmp_path: Pat
     with pytest.raises(BadInput, match=r"there is no file 'still\.py'"):
         moved.plan.setup()
     assert sent.search_path == (here.resolve(),)
-    assert {one.path.name for one in sent.files} == {"hover.yaml", "still.py", "world.yaml"}
+    assert {file.path.name for file in sent.files} == {"hover.yaml", "still.py", "world.yaml"}
 
 
 def unpacked(campaign: Path, there: Path, search_path: Iterable[str] = ()) -> RunOrder:
@@ -70,7 +70,11 @@ def test_modules_beside_an_autonomy_travel_with_it(tmp_path: Path) -> None:
     setup.under_test.build(seed=0)
     beneath = place_beneath(there, here.resolve())
     assert (beneath / "later.py").exists()
-    assert {one.name for one in user_files(beneath)} == {"still.py", "__init__.py", "gains.py"}
+    assert {user_file.name for user_file in user_files(beneath)} == {
+        "still.py",
+        "__init__.py",
+        "gains.py",
+    }
 
 
 def test_a_file_travels_under_the_name_of_the_symlink_by_which_it_is_used(tmp_path: Path) -> None:
@@ -130,7 +134,7 @@ def test_a_file_that_is_named_absolutely_has_to_be_the_same_on_the_node(
 def test_a_damaged_file_is_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("sent")
     sent = pack_files([tmp_path / "a.txt"], [])
-    damaged = TravellingFiles(tuple(replace(one, content=b"came") for one in sent.files))
+    damaged = TravellingFiles(tuple(replace(file, content=b"came") for file in sent.files))
     with pytest.raises(DamagedFileError, match=r"a\.txt arrived damaged"):
         unpack_files(damaged, tmp_path / "there")
     assert not (tmp_path / "there").exists()
@@ -144,7 +148,7 @@ def test_materials_and_pictures_of_a_mesh_travel_with_it(tmp_path: Path) -> None
     (tmp_path / "skin.png").write_bytes(b"png")
     (tmp_path / "other.png").write_bytes(b"png")
     sent = pack_files([tmp_path / "box.obj"], [])
-    assert {one.path.name for one in sent.files} == {"box.obj", "my box.mtl", "skin.png"}
+    assert {file.path.name for file in sent.files} == {"box.obj", "my box.mtl", "skin.png"}
 
 
 def test_programs_stay_programs(tmp_path: Path) -> None:

@@ -89,7 +89,9 @@ async def look_and_abort(program: Program, link: str) -> None:
         assert await until(page, text_of("verdict"), lambda one: one == "INVALID")
         assert "held by console:anna" in page.value(text_of("reason"))
         assert page.errors == []
-        assert [one for one in page.requests if not one.startswith(link.partition("#")[0])] == []
+        assert [
+            request for request in page.requests if not request.startswith(link.partition("#")[0])
+        ] == []
         landed = await program.end()
         assert landed.code == 4, landed.why
         await until(page, text_of("abort-word"), lambda one: one == "nothing in flight")
@@ -120,5 +122,5 @@ async def test_the_page_shows_the_flight_and_its_key_lands_both(tmp_path: Path) 
     assert (changed["by"], changed["vehicles"]) == ("console:anna", ["real", "twin"])
     asked = [(one["who"], one["command"], one["ok"]) for one in lines(program.folder / RECORD)]
     assert [("console:anna", command, True) for command in ("hold", "geofence", "abort")] == [
-        one for one in dict.fromkeys(asked) if one[0] == "console:anna"
+        fromkey for fromkey in dict.fromkeys(asked) if fromkey[0] == "console:anna"
     ]

@@ -43,7 +43,7 @@ async def test_commands_take_the_operators_path_with_a_name(console: Console) ->
         done = await console.post(client, "/command", {"command": command})
         assert (done.status, (await done.json())["ok"]) == (200, True)
     assert console.commands() == [(one, "console:anna") for one in ("hold", "resume", "abort")]
-    assert [(one["command"], one["who"], one["ok"]) for one in console.records()] == [
+    assert [(record["command"], record["who"], record["ok"]) for record in console.records()] == [
         (one, "console:anna", True) for one in ("hold", "resume", "abort")
     ]
 
@@ -176,7 +176,7 @@ async def test_a_fence_is_checked_before_it_is_sent(
         failsafe=False,
         position_ned_m=(1.0, 0.0, -1.0),
     )
-    await console.hub.take(structs.replace(view(1.0), vehicles=(vehicle,)))
+    await console.hub.receive(structs.replace(view(1.0), vehicles=(vehicle,)))
     text = json.dumps({"include": [{"polygon": corners}], "up_m": up_m})
     done = await console.post(client, "/command", {"command": "geofence", "geofence": text})
     reply = await done.json()
@@ -210,7 +210,7 @@ async def test_no_command_of_an_unauthorised_flood_is_accepted(console: Console)
     assert (answered, console.commands()) == (FLOOD, [])
     # It is recorded, and fills no disk.
     assert 1 <= len(console.records()) < 1000
-    assert {one["who"] for one in console.records()} == {"console"}
+    assert {record["who"] for record in console.records()} == {"console"}
 
 
 async def test_a_page_that_sends_anything_but_acknowledgements_is_closed(console: Console) -> None:
@@ -264,20 +264,20 @@ def view(t_s: float) -> RunView:
 async def test_a_page_gets_what_is_known_and_then_what_is_new(console: Console) -> None:
     image = ImageView("/r", "real", 7, 1.0, 0.05, 640, 480, rendered=True, jpeg=b"jpeg")
     for message in (event(1), event(2), FactsView("/r", {"case": "large"}), view(1.0), image):
-        await console.hub.take(message)
+        await console.hub.receive(message)
     client = await console.client("viewer", "eve")
     page = await client.ws_connect("/live", headers={"Origin": console.origin})
     found = [await page.receive() for _ in range(7)]
     documents = [json.loads(one.data) for one in found[:6]]
-    assert [one["type"] for one in documents] == [
+    assert [document["type"] for document in documents] == [
         *("hello", "scene", "event", "event", "people", "run")
     ]
-    assert [one["number"] for one in documents[2:4]] == [1, 2]
+    assert [document["number"] for document in documents[2:4]] == [1, 2]
     data: bytes = found[6].data
     length = int.from_bytes(data[:4], "big")
     assert json.loads(data[4 : 4 + length])["seq"] == 7
     assert data[4 + length :] == b"jpeg"
-    await console.hub.take(view(float("nan")))
+    await console.hub.receive(view(float("nan")))
     assert json.loads((await page.receive()).data)["t_s"] is None
 
 
@@ -305,11 +305,11 @@ async def test_images_wait_for_a_page_and_only_the_newest_is_kept(console: Conso
     client = await console.client("viewer")
     page = await client.ws_connect("/live", headers={"Origin": console.origin})
     for seq in range(50):
-        await console.hub.take(
+        await console.hub.receive(
             ImageView("/r", "real", seq, 1.0, 0.0, 4, 4, rendered=True, jpeg=b"x")
         )
         await asyncio.sleep(0.001)
-    await console.hub.take(event(1))
+    await console.hub.receive(event(1))
     seen: list[int] = []
     while True:
         message = await page.receive(5.0)
@@ -321,7 +321,7 @@ async def test_images_wait_for_a_page_and_only_the_newest_is_kept(console: Conso
     assert len(seen) == 2
     # Another camera's image does not wait for those.
     other = ImageView("/r", "mixed", 7, 1.0, 0.0, 4, 4, rendered=True, jpeg=b"x")
-    await console.hub.take(other)
+    await console.hub.receive(other)
     assert head_of((await page.receive(5.0)).data)["name"] == "mixed"
     await page.send_str('{"ack": 1}')
     assert head_of((await page.receive(5.0)).data)["seq"] == 49

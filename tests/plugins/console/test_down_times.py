@@ -26,24 +26,24 @@ def test_a_vehicle_is_down_when_it_is_disarmed_on_the_ground(
     armed: bool, landed: str, is_down: bool
 ) -> None:
     times = DownTimes()
-    times.take_view(state(armed=armed, landed=landed), 5.0)
+    times.receive_view(state(armed=armed, landed=landed), 5.0)
     assert times.at_s == ({"real": 5.0} if is_down else {})
 
 
 def test_the_first_time_stays_until_the_vehicle_is_up_again() -> None:
     times = DownTimes()
     for at_s in (5.0, 6.0):
-        times.take_view(state(armed=False, landed="on_ground"), at_s)
+        times.receive_view(state(armed=False, landed="on_ground"), at_s)
         times.add("real", at_s + 0.5)
     assert times.at_s == {"real": 5.0}
-    times.take_view(state(armed=True, landed="on_ground"), 7.0)
+    times.receive_view(state(armed=True, landed="on_ground"), 7.0)
     assert times.at_s == {}
 
 
 def test_a_vehicle_without_a_message_is_not_down() -> None:
     times = DownTimes()
     silent = structs.replace(vehicle("real", armed=False, landed="on_ground"), silent_s=None)
-    times.take_view(view("large/wil/1", vehicles=(silent,)), 5.0)
+    times.receive_view(view("large/wil/1", vehicles=(silent,)), 5.0)
     assert times.at_s == {}
 
 
@@ -63,6 +63,6 @@ def test_an_event_is_a_landing_unless_a_newer_state_is_there(
     times = DownTimes()
     newest = state(armed=True, landed="in_air")
     event = EventView(newest.run, 1, t_s, kind, word, "real", said)
-    assert times.take_event(event, None, 5.0) is None
-    assert times.take_event(event, newest, 6.0) == (6.0 if is_landing else None)
+    assert times.receive_event(event, None, 5.0) is None
+    assert times.receive_event(event, newest, 6.0) == (6.0 if is_landing else None)
     assert times.at_s == ({"real": 6.0} if is_landing else {})

@@ -84,7 +84,7 @@ async def serve_and_look(folder: Path, look: Callable[[str], None]) -> None:
         time=time,
         playback=playback,
     )
-    playing = asyncio.create_task(RecordedRun(folder, playback).play(hub.take))
+    playing = asyncio.create_task(RecordedRun(folder, playback).play(hub.receive))
     try:
         async with TestServer(server.application(), port=port):
             link = f"http://127.0.0.1:{port}/#{access.invite('operator')}"
@@ -150,7 +150,9 @@ async def test_the_view_in_space_shows_vehicles_fence_and_gate_and_turns(
             wait_until(page, lambda: 0 < width_of(space_image(page, shot), ORANGE) < 0.5)
             assert page.errors == []
             assert [
-                one for one in page.requests if not one.startswith(link.partition("#")[0])
+                request
+                for request in page.requests
+                if not request.startswith(link.partition("#")[0])
             ] == []
             page.value("document.getElementById('playback-pause').click()")
             page.value(f"(window.lost = {LOSE}).loseContext()")

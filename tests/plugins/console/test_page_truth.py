@@ -126,14 +126,14 @@ class FakeFeed:
             self._kept.pop(message.run, None)
             if is_kept:
                 self._kept[message.run] = message
-        await self._console.hub.take(message)
+        await self._console.hub.receive(message)
 
     async def repeat(self) -> None:
         """Repeat what is kept: the page takes nothing for the present that is 3 s old."""
         while True:
             await asyncio.sleep(0.5)
             for view in tuple(self._kept.values()):
-                await self._console.hub.take(view)
+                await self._console.hub.receive(view)
 
     def status(self, **changes: Any) -> None:
         async def show() -> None:

@@ -53,15 +53,15 @@ async def test_a_finished_run_is_played_as_it_was_flown(tmp_path: Path) -> None:
     folder = write_campaign(tmp_path / "gate") / "large" / "wil" / "1"
     found = await played(folder)
     views = [one for one in found if isinstance(one, RunView)]
-    times_s = [one.t_s for one in views]
+    times_s = [view.t_s for view in views]
     assert times_s == sorted(times_s)
     assert times_s[-1] == pytest.approx(END_S, abs=0.2)
-    assert {one.name for one in views[-1].vehicles} >= {"real"}
-    assert ([one.verdict_so_far for one in views[-2:]], views[-1].margins != ()) == (
+    assert {vehicle.name for vehicle in views[-1].vehicles} >= {"real"}
+    assert ([view.verdict_so_far for view in views[-2:]], views[-1].margins != ()) == (
         ["", "FAIL"],
         True,
     )
-    assert all(("goal" in one.entered_s) == (one.t_s >= GOAL_S) for one in views)
+    assert all(("goal" in view.entered_s) == (view.t_s >= GOAL_S) for view in views)
     assert {one.name for one in found if isinstance(one, ImageView)} >= {"real", "mixed"}
     assert [one.number for one in found if isinstance(one, EventView)][:2] == [1, 2]
     assert set(views[0].fences) >= {"real"}
@@ -97,7 +97,7 @@ async def test_a_paused_run_jumps_to_another_time_at_once_with_its_trails(tmp_pa
     past = next(one for kind, one in said if kind == "past")
     assert past["trails"]["real"]
     (margins, before) = (views[-1].margins, views[0].margins)
-    assert {one.name for one in before} == {one.name for one in margins}
+    assert {one.name for one in before} == {margin.name for margin in margins}
     assert all(one.actual is None for one in before), "nothing is known at the start"
 
 

@@ -133,18 +133,18 @@ def test_an_image_with_a_lost_line_is_never_handed_on() -> None:
     values = np.arange(1, 25).reshape(6, 4)
     lines = DepthLines(width_px=4, height_px=6)
     first, second, third = (packets(values, stamp) for stamp in (90, 180, 2**32 - 90))
-    assert [lines.take(one) for one in third[:-1]] == [None, None]
-    assert "8 of 24" not in str(lines.take(third[-1])), "whole, though a stamp is about to wrap"
-    results = [lines.take(one) for one in (first[0], first[2])]
+    assert [lines.receive(one) for one in third[:-1]] == [None, None]
+    assert "8 of 24" not in str(lines.receive(third[-1])), "whole, though a stamp is about to wrap"
+    results = [lines.receive(one) for one in (first[0], first[2])]
     assert results[0] is None
     assert results[1] is not None
     assert results[1].depth_m is None
     assert "16 of 24 pixels of an image arrived" in results[1].why
-    found = [lines.take(one) for one in (second[0], first[1], second[1], second[2])]
+    found = [lines.receive(one) for one in (second[0], first[1], second[1], second[2])]
     assert found[:3] == [None] * 3, "a packet that was overtaken changes nothing"
     assert found[3] is not None
     assert found[3].depth_m == pytest.approx(values * 1e-3)
-    unended = [lines.take(one) for one in (*packets(values, 300)[:2], packets(values, 400)[0])]
+    unended = [lines.receive(one) for one in (*packets(values, 300)[:2], packets(values, 400)[0])]
     assert unended[2] is not None
     assert "16 of 24" in unended[2].why, "its last packet was lost"
 
@@ -164,7 +164,7 @@ INTERLACED = struct.pack(">BBHIIHHHH", 0x80, 96, 1, 1, 7, 0, 8, 0x8001, 0) + byt
     ],
 )
 def test_what_is_no_depth_of_this_camera_is_refused(packet: bytes, said: str) -> None:
-    grabbed = DepthLines(width_px=4, height_px=6).take(packet)
+    grabbed = DepthLines(width_px=4, height_px=6).receive(packet)
     assert grabbed is not None
     assert grabbed.depth_m is None
     assert said in grabbed.why

@@ -97,7 +97,7 @@ def test_autopilots_are_found_in_their_usual_places(tmp_path: Path) -> None:
     ):
         (tmp_path / place).parent.mkdir(parents=True)
         (tmp_path / place).write_text("")
-    found = [one.text for one in programs.autopilots(tmp_path, lambda _: None)]
+    found = [autopilot.text for autopilot in programs.autopilots(tmp_path, lambda _: None)]
     build = tmp_path / "PX4-Autopilot" / "build" / "px4_sitl_default"
     assert f"PX4: link: {{launch: px4, build: {build}}}" in found
     assert any(text.startswith("ArduCopter: link: {launch: ardupilot") for text in found)
@@ -224,9 +224,14 @@ def test_the_command_tells_it_as_json_too(
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     code = main(["doctor", "--json", "--out", str(tmp_path)])
     findings = json.loads(capsys.readouterr().out)
-    grades = {one["grade"] for one in findings}
+    grades = {finding["grade"] for finding in findings}
     assert code == (3 if "trouble" in grades else 0)
-    assert {one["topic"] for one in findings} >= {"installed", "ports", "autopilots", "clock"}
+    assert {finding["topic"] for finding in findings} >= {
+        "installed",
+        "ports",
+        "autopilots",
+        "clock",
+    }
     assert main(["doctor", "--out", str(tmp_path), str(tmp_path / "missing.yaml")]) == 3
     assert "wil-campaign validate" in capsys.readouterr().out
 
@@ -240,7 +245,10 @@ def test_a_missing_driver_or_broker_keeps_a_campaign_from_flying(
     )
     file.write_text(f"{text}operator: {{mqtt: {{broker: 'mqtt://127.0.0.1:{port}'}}}}\n")
     with socket.create_server(("127.0.0.1", port)):
-        assert [one.grade for one in links.campaign_links([file])] == ["good", "good"]
+        assert [campaign_link.grade for campaign_link in links.campaign_links([file])] == [
+            "good",
+            "good",
+        ]
     monkeypatch.setattr(links, "is_there", lambda _: False)
     _, driver, broker = links.campaign_links([file])
     assert (driver.grade, broker.grade) == ("trouble", "trouble")

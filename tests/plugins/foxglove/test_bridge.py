@@ -153,7 +153,7 @@ def test_a_vehicle_whose_place_is_unknown_has_no_pose() -> None:
     )
     unknown = structs.replace(known, name="real", q_wxyz=None)
     messages = LiveMessages(EPOCH_NS).of(structs.replace(view(2.0), vehicles=(known, unknown)))
-    assert [one.channel.topic for one in messages] == ["/twin/pose", "/tf", "/run"]
+    assert [message.channel.topic for message in messages] == ["/twin/pose", "/tf", "/run"]
     assert json.loads(messages[0].data)["pose"]["position"] == {"x": 1.0, "y": 2.0, "z": -3.0}
     assert messages[0].publish_ns == EPOCH_NS + 1_500_000_000
 
@@ -164,7 +164,7 @@ def test_the_mounts_of_a_run_place_its_cameras_in_the_live_view() -> None:
         "twin/gimbal": CameraMount(stabilized=True),
     }
     messages = LiveMessages(EPOCH_NS, mounts)
-    fixed = [json.loads(one.data) for one in messages.fixed_transforms()]
+    fixed = [json.loads(fixed_transform.data) for fixed_transform in messages.fixed_transforms()]
     assert [(one["parent_frame_id"], one["child_frame_id"]) for one in fixed] == [
         ("map", "ned"),
         ("real", "real/camera"),
@@ -184,24 +184,24 @@ def test_the_next_run_resets_clients_and_one_that_never_reads_delays_none() -> N
     with FoxgloveServer(FREE) as server, listening(server.url) as seen:
         port = int(server.url.rpartition(":")[2])
         bridge = Bridge(server)
-        bridge.take(image(0), 0.0)  # Its clock is not known yet.
+        bridge.receive(image(0), 0.0)  # Its clock is not known yet.
         for run in ("/a", "/b"):
-            bridge.take(FactsView(run, {"epoch_ns": str(EPOCH_NS)}), 0.0)
+            bridge.receive(FactsView(run, {"epoch_ns": str(EPOCH_NS)}), 0.0)
         while not (seen.of("/tf") and seen.of("/mixed/camera")):
-            bridge.take(image(1), time.monotonic())
+            bridge.receive(image(1), time.monotonic())
             time.sleep(0.05)
         now_s = time.monotonic()
         with never_reading(port, channels=max(seen.channels)):
             time.sleep(0.2)
             began_s = time.monotonic()
             for number in range(2, IMAGES):
-                bridge.take(image(number), now_s)
+                bridge.receive(image(number), now_s)
             assert time.monotonic() - began_s < PATIENCE_S
-            bridge.take(event("/a", "stage", "end"), now_s)
+            bridge.receive(event("/a", "stage", "end"), now_s)
             assert seen.has("/log", name="stage", text="end")
-        bridge.take(event("/b"), now_s)
+        bridge.receive(event("/b"), now_s)
         assert seen.has("/log", name="height", text="said")
-    assert [one["sessionId"] for one in seen.greetings][-2:] == ["/a", "/b"]
+    assert [greeting["sessionId"] for greeting in seen.greetings][-2:] == ["/a", "/b"]
     numbers = [one["wil"]["seq"] for one in seen.of("/mixed/camera")]
     assert 0 not in numbers
     assert numbers[-1] == IMAGES - 1

@@ -32,7 +32,7 @@ def recorded(folder: Path) -> tuple[dict[str, tuple[str, bytes, str]], dict[str,
 
 def assert_live_as_recorded(seen: Received, folder: Path) -> None:
     channels, messages = recorded(folder)
-    live = {one["topic"]: one for one in seen.channels.values()}
+    live = {channel["topic"]: channel for channel in seen.channels.values()}
     assert live.keys() - channels.keys() == {"/run"}
     for topic in live.keys() & channels.keys():
         one = live[topic]
@@ -51,7 +51,7 @@ def assert_live_as_recorded(seen: Received, folder: Path) -> None:
         assert [one for one in moved if one in places] == moved[-len(shown) :]
         taken = {(one["wil"]["seq"], one["wil"]["t_s"]) for one in messages[f"/{name}/camera"]}
         images = seen.of(f"/{name}/camera")
-        assert {(one["wil"]["seq"], one["wil"]["t_s"]) for one in images} <= taken
+        assert {(image["wil"]["seq"], image["wil"]["t_s"]) for image in images} <= taken
     assert messages["/tf"][0] in seen.of("/tf")
     of_recording = {"recorder", "perceived", "images_ended"}
     lines = [one for one in messages["/log"] if one["name"] not in of_recording]
@@ -95,10 +95,10 @@ def test_live_messages_equal_run_mcap_and_no_client_changes_the_flight(
         assert nothing.of("/run") == nothing.of("/log") == []
     assert watched.verdict == "PASS"
     assert_live_as_recorded(seen, folder)
-    assert {tuple(one["capabilities"]) for one in seen.greetings} == {("time",)}
-    assert {one["message"] for one in seen.statuses} == {
+    assert {tuple(greeting["capabilities"]) for greeting in seen.greetings} == {("time",)}
+    assert {statuse["message"] for statuse in seen.statuses} == {
         "Server does not support clientPublish capability"
     }
     states = seen.of("/run")
-    assert {one["name"] for one in states} == {"large/wil/1"}
-    assert any(one["margins"] and len(one["vehicles"]) == 2 for one in states)
+    assert {state["name"] for state in states} == {"large/wil/1"}
+    assert any(state["margins"] and len(state["vehicles"]) == 2 for state in states)

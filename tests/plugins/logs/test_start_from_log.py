@@ -102,7 +102,7 @@ def test_the_course_of_each_format(tmp_path: Path, kind: str) -> None:
     assert course is not None
     assert course.yaw_rad == pytest.approx(math.radians(30), abs=1e-5)
     assert course.altitude_m == pytest.approx(3.0, abs=0.05)
-    corners = [(one.north_m, one.east_m) for one in course.waypoints]
+    corners = [(waypoint.north_m, waypoint.east_m) for waypoint in course.waypoints]
     assert corners[0] == pytest.approx(CORNERS[1], abs=0.3)
     assert corners[1] == pytest.approx(CORNERS[2], abs=0.3)
     assert course.waypoints[0].speed_m_s == pytest.approx(2.0, abs=0.1)

@@ -5,4 +5,4 @@ from wil_campaign.plugins.mavsdk.plugin import drivers
 
 
 def test_the_reserved_system_id_is_the_one_that_mavsdk_sends_with() -> None:
-    assert [one.system_id for one in drivers()] == [OWN_SYSTEM]
+    assert [driver.system_id for driver in drivers()] == [OWN_SYSTEM]

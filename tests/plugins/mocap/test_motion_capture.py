@@ -54,7 +54,7 @@ def capture() -> MotionCapture:
 
 
 def test_a_message_becomes_a_reading() -> None:
-    (reading,) = capture().take(packed(0, 500.0), 10.0)
+    (reading,) = capture().receive(packed(0, 500.0), 10.0)
     assert reading.pose == Pose((1.0, 2.0, -3.0))
     assert (reading.source, reading.seq, reading.arrived_s) == ("real", 0, 10.0)
     assert reading.t_s == pytest.approx(9.996)
@@ -62,8 +62,8 @@ def test_a_message_becomes_a_reading() -> None:
 
 
 def test_json_says_the_same() -> None:
-    (a,) = capture().take(packed(0, 500.0), 10.0)
-    (b,) = capture().take(json.dumps(frame(0, 500.0)).encode(), 10.0)
+    (a,) = capture().receive(packed(0, 500.0), 10.0)
+    (b,) = capture().receive(json.dumps(frame(0, 500.0)).encode(), 10.0)
     assert a == b
 
 
@@ -75,7 +75,7 @@ def test_velocity_and_enu_are_turned() -> None:
         "q_wxyz": [2.0, 0.0, 0.0, 0.0],
         "velocity_m_s": [0.5, 0.0, 0.1],
     }
-    (reading,) = capture().take(packed(0, 1.0, frame="enu", bodies=[body]), 1.0)
+    (reading,) = capture().receive(packed(0, 1.0, frame="enu", bodies=[body]), 1.0)
     assert reading.pose.position_ned_m == (1.0, 2.0, -3.0)
     assert reading.pose.yaw_rad == pytest.approx(math.pi / 2)
     assert reading.velocity_ned_m_s == (0.0, 0.5, -0.1)
@@ -101,7 +101,7 @@ def test_statistics_tell_rate_latency_and_dropouts() -> None:
         if k in {50, 120, 121, 122, 123, 124}:
             continue
         late_s = 0.004 + (0.003 if k % 10 == 5 else 0.0)
-        feed.take(packed(k, 500.0 + k / 100), k / 100 + late_s)
+        feed.receive(packed(k, 500.0 + k / 100), k / 100 + late_s)
     figures = feed.statistics("drone")
     assert figures.samples == 194
     assert figures.rate_hz == pytest.approx(97.0, abs=1.0)
@@ -114,31 +114,31 @@ def test_statistics_tell_rate_latency_and_dropouts() -> None:
 
 def test_a_body_that_is_not_seen_is_invalid_and_keeps_its_number() -> None:
     feed = capture()
-    feed.take(packed(0, 1.0), 1.0)
+    feed.receive(packed(0, 1.0), 1.0)
     unseen = {"name": "drone", "valid": False}
-    assert feed.take(packed(1, 1.01, bodies=[unseen]), 1.01) == []
-    assert feed.take(packed(2, 1.02, bodies=[]), 1.02) == []
-    (reading,) = feed.take(packed(3, 1.03), 1.03)
+    assert feed.receive(packed(1, 1.01, bodies=[unseen]), 1.01) == []
+    assert feed.receive(packed(2, 1.02, bodies=[]), 1.02) == []
+    (reading,) = feed.receive(packed(3, 1.03), 1.03)
     assert reading.seq == 3
     assert feed.statistics("drone").invalid == 2
 
 
 def test_a_pose_that_comes_late_or_twice_is_dropped() -> None:
     feed = capture()
-    feed.take(packed(0, 1.00), 1.00)
-    feed.take(packed(2, 1.02), 1.02)
-    assert feed.take(packed(1, 1.01), 1.03) == []
-    assert feed.take(packed(2, 1.02), 1.03) == []
-    assert len(feed.take(packed(3, 1.03), 1.04)) == 1
+    feed.receive(packed(0, 1.00), 1.00)
+    feed.receive(packed(2, 1.02), 1.02)
+    assert feed.receive(packed(1, 1.01), 1.03) == []
+    assert feed.receive(packed(2, 1.02), 1.03) == []
+    assert len(feed.receive(packed(3, 1.03), 1.04)) == 1
     assert feed.statistics("drone").out_of_order == 2
 
 
 def test_a_sender_that_starts_anew_is_followed() -> None:
     feed = capture()
-    feed.take(packed(100_000, 5000.0), 1.0)
-    (reading,) = feed.take(packed(0, 0.0), 2.0)
+    feed.receive(packed(100_000, 5000.0), 1.0)
+    (reading,) = feed.receive(packed(0, 0.0), 2.0)
     assert reading.t_s == pytest.approx(1.996)
-    (reading,) = feed.take(packed(1, 0.01), 2.01)
+    (reading,) = feed.receive(packed(1, 0.01), 2.01)
     assert reading.t_s == pytest.approx(2.006)
 
 
@@ -146,7 +146,7 @@ def test_bodies_are_distinguished() -> None:
     feed = MotionCapture(bodies={"a": "real", "b": "twin"})
     pose = {"position_m": [0, 0, 0], "q_wxyz": [1, 0, 0, 0]}
     bodies = [{"name": name, **pose} for name in ("c", "b", "a")]
-    readings = feed.take(packed(0, 1.0, bodies=bodies), 1.0)
+    readings = feed.receive(packed(0, 1.0, bodies=bodies), 1.0)
     assert [reading.source for reading in readings] == ["real", "twin"]
 
 
@@ -179,16 +179,16 @@ def test_garbage_is_counted_and_reported(data: bytes, words: str) -> None:
     with pytest.raises(BadMessageError, match=words):
         decode_frame(data)
     feed = capture()
-    assert feed.take(data, 1.0) == []
+    assert feed.receive(data, 1.0) == []
     assert feed.garbage == 1
     assert feed.complaint
-    assert len(feed.take(packed(0, 1.0), 1.0)) == 1
+    assert len(feed.receive(packed(0, 1.0), 1.0)) == 1
 
 
 @given(st.binary(max_size=200) | st.text().map(str.encode))
 def test_any_bytes_are_survived(data: bytes) -> None:
     feed = capture()
-    assert feed.take(data, 1.0) == []
+    assert feed.receive(data, 1.0) == []
     assert feed.garbage == 1
 
 

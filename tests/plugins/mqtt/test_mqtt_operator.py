@@ -209,7 +209,7 @@ async def test_an_answer_that_is_awaited_is_final_when_another_command_comes(sce
     held = await scene.person.command("hold")
     await scene.person.command("resume")
     answers = await scene.person.until("operator/ack", 3)
-    of_hold = [one for one in answers if one["id"] == held["id"]]
+    of_hold = [answer for answer in answers if answer["id"] == held["id"]]
     assert [one["final"] for one in of_hold] == [False, True]
     assert of_hold[-1]["text"].startswith("another command came")
 

@@ -217,7 +217,7 @@ def test_film_refuses_with_the_remedy(
     folder: Path, arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = folder / "large" / "wil" / "1"
-    assert main([one.format(run=run) for one in arguments]) == 2
+    assert main([argument.format(run=run) for argument in arguments]) == 2
     assert message in capsys.readouterr().err
     assert main(["film", str(run), "--out", str(folder / "none" / "a.mp4")]) == 3
 

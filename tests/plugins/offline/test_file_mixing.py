@@ -184,10 +184,10 @@ def test_recordings_are_mixed_sensor_by_sensor(here: Path) -> None:
     assert mix(here, "color.yaml", "run.mcap", "run.mcap", "mixed.mcap") == 0
     found = Recording(here / "mixed.mcap")
     readings = [item for item in found if isinstance(item, RecordedReading)]
-    assert [one.sensor for one in readings] == ["camera"] * 6 + ["range"] * 6
+    assert [reading.sensor for reading in readings] == ["camera"] * 6 + ["range"] * 6
     first: Any = readings[0].reading
     assert first.image_bgr[45, 35].tolist() == list(ORANGE)
-    assert all(one.reading.range_m == 1.5 for one in readings[6:])  # type: ignore[union-attr]
+    assert all(reading.reading.range_m == 1.5 for reading in readings[6:])  # type: ignore[union-attr]
     # A folder stands for the run in it; a video shows the camera.
     assert mix(here, "color.yaml", ".", ".", "mixed.mp4") == 0
     assert len(frames_of(here / "mixed.mp4")) == 6

@@ -23,7 +23,7 @@ def pair(reading: Reading) -> MixedPair:
 def write(path: Path, readings: Iterable[Reading]) -> None:
     with output_for(path, rate_hz=30.0, epoch_s=0.0) as output:
         for reading in readings:
-            output.take("camera", pair(reading))
+            output.receive("camera", pair(reading))
 
 
 def failing() -> Iterator[Reading]:

@@ -93,8 +93,12 @@ def test_a_run_mixed_anew_equals_its_recording(
     assert (code, report["diverges"], report["without"]) == (0, False, [])
     combinations = {one["name"]: one for one in report["combinations"]}
     assert set(combinations) == {"camera", "imu", "ear", "scan"}
-    assert all(one["exact"] and one["frames"] > 20 for one in combinations.values())
-    assert all(one["mixed"] >= one["frames"] - 3 for one in combinations.values())
+    assert all(
+        combination["exact"] and combination["frames"] > 20 for combination in combinations.values()
+    )
+    assert all(
+        combination["mixed"] >= combination["frames"] - 3 for combination in combinations.values()
+    )
 
     # Another recipe: here the left half is drawn instead, and nothing else changes.
     left = MINE.replace(": mask.shape[1] // 2", "mask.shape[1] // 2 :")
@@ -162,12 +166,12 @@ def test_steps_that_select_by_time_also_get_images_not_due_in_a_replay(
     _, folder = fly_run(cameras=SMALL_CAMERAS, sets=sets)
     _, report = replayed(capsys, str(folder))
     combinations = {one["name"]: one for one in report["combinations"]}
-    assert {name: one["divergences"] for name, one in combinations.items()} == {
+    assert {name: combination["divergences"] for name, combination in combinations.items()} == {
         "camera": [],
         "imu": [],
     }
     assert not report["diverges"]
-    assert all(one["mixed"] > 10 for one in combinations.values())
+    assert all(combination["mixed"] > 10 for combination in combinations.values())
 
 
 def test_images_recorded_as_jpeg_are_replayed_within_what_jpeg_loses(

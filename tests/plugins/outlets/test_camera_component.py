@@ -36,7 +36,7 @@ def over_the_wire(message: Any, *, system: int, component: int) -> Any:
 def answers(camera: CameraComponent, message: Any, t_s: float = 3.0) -> list[Any]:
     return [
         over_the_wire(answer, system=camera.system_id, component=camera.component_id)
-        for answer in camera.take(message, t_s)
+        for answer in camera.receive(message, t_s)
     ]
 
 

@@ -48,7 +48,7 @@ def test_any_sensor_is_delivered_by_zmq_at_free_ports(files: Files) -> None:
     )
     given = setup(files).observers["deliver"]
     assert isinstance(given, DeliverySetups)
-    assert [one.sensor for one in given.outlets] == ["scan", "camera"]
+    assert [outlet.sensor for outlet in given.outlets] == ["scan", "camera"]
 
 
 @pytest.mark.parametrize(

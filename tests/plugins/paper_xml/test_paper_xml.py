@@ -91,14 +91,14 @@ def same(a: Recipe, b: Recipe) -> bool:
     def plain_recipe(recipe: Recipe) -> object:
         return [
             (
-                one.sensor,
-                [(step.kind.name, step.kind.stage, step.parameters) for step in one.steps],
-                (one.merge.kind.name, one.merge.parameters),
-                one.publish,
-                one.budget,
-                one.publish_raw,
+                combination.sensor,
+                [(step.kind.name, step.kind.stage, step.parameters) for step in combination.steps],
+                (combination.merge.kind.name, combination.merge.parameters),
+                combination.publish,
+                combination.budget,
+                combination.publish_raw,
             )
-            for one in recipe.combinations
+            for combination in recipe.combinations
         ]
 
     return (plain_recipe(a), a.sensors, a.description) == (

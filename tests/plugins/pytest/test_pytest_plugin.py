@@ -166,8 +166,8 @@ def test_an_exception_of_this_program_is_an_error_that_no_share_forgives(
     flown = session.results
     spoilt = {"good": "PASS", "spare": "FAIL"}
     runs = tuple(
-        replace(one, exceptions=("RuntimeError: boom",)) if one.case in spoilt else one
-        for one in flown.runs
+        replace(run, exceptions=("RuntimeError: boom",)) if run.case in spoilt else run
+        for run in flown.runs
     )
     results = replace(flown, summary=replace(flown.summary, runs=runs))
     monkeypatch.setattr(pytest_items, "run", lambda *_, **__: results)
@@ -196,7 +196,7 @@ def test_the_end_of_a_campaign_outside_of_its_runs_is_an_error_of_its_own(
 ) -> None:
     write_cases(inner.path)
     flown = session.results
-    runs = tuple(replace(one, verdict="PASS") for one in flown.runs)
+    runs = tuple(replace(run, verdict="PASS") for run in flown.runs)
     summary = replace(flown.summary, runs=runs, accepted=False, **ended)
     results = replace(flown, summary=summary, exit_code=code)
     monkeypatch.setattr(pytest_items, "run", lambda *_, **__: results)
@@ -213,7 +213,7 @@ def test_an_aborted_run_is_an_error_whether_or_not_it_counts(
     write_cases(inner.path)
     flown = session.results
     runs = tuple(
-        replace(one, verdict="ABORTED" if one.case == "spare" else "PASS") for one in flown.runs
+        replace(run, verdict="ABORTED" if run.case == "spare" else "PASS") for run in flown.runs
     )
     results = replace(flown, summary=replace(flown.summary, runs=runs), exit_code=4)
     monkeypatch.setattr(pytest_items, "run", lambda *_, **__: results)

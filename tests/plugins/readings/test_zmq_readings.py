@@ -205,7 +205,7 @@ async def test_missing_readings_are_counted_and_repeated_ones_are_not_used(
     for seq, t_s in ((0, 1.0), (3, 1.1), (3, 1.1), (4, 1.2)):
         data = msgpack.packb(message("rangefinder", seq, t_s))
         try:
-            live.take(data, 50.0 + t_s)
+            live.receive(data, 50.0 + t_s)
         except BadMessageError as error:
             live.refuse(str(error))
     found = [await anext(live) for _ in range(3)]

@@ -120,7 +120,7 @@ class Rig:
         self, t_s: float | None, *linear: float, sender: str = "a", topic: str = "/cmd_vel"
     ) -> None:
         stamp_ns = 0 if t_s is None else round((EPOCH_S + t_s) * 1e9)
-        self.inbox.take(InMessage(topic, TWIST, twist(stamp_ns, *linear), sender))
+        self.inbox.receive(InMessage(topic, TWIST, twist(stamp_ns, *linear), sender))
 
     def published(self, topic: str) -> list[Any]:
         kinds = {"/odom": ODOMETRY, "/camera/image_raw": IMAGE}
@@ -214,7 +214,7 @@ def test_a_setpoint_that_is_no_number_fails_the_node() -> None:
 def test_bytes_that_are_no_message_fail_the_node() -> None:
     rig = Rig()
     rig.act(10.0)
-    rig.inbox.take(InMessage("/cmd_vel", TWIST, b"\0\1\0\0" + bytes(3)))
+    rig.inbox.receive(InMessage("/cmd_vel", TWIST, b"\0\1\0\0" + bytes(3)))
     with pytest.raises(AutonomyFault, match="that is no geometry_msgs/msg/TwistStamped"):
         rig.act(10.05)
 
@@ -222,7 +222,7 @@ def test_bytes_that_are_no_message_fail_the_node() -> None:
 def test_messages_of_another_type_are_named() -> None:
     rig = Rig(NodeRules(silent_s=1.0))
     rig.act(10.0)
-    rig.inbox.take(InMessage("/cmd_vel", "geometry_msgs/msg/Twist", b"\0\1\0\0"))
+    rig.inbox.receive(InMessage("/cmd_vel", "geometry_msgs/msg/Twist", b"\0\1\0\0"))
     named = "/cmd_vel cannot be used: it has geometry_msgs/msg/Twist, not geometry_msgs/msg/TwistS"
     assert rig.inbox.troubles()[0].startswith(named)
     with pytest.raises(AutonomyFault, match=named):
@@ -241,7 +241,7 @@ def test_two_publishers_of_setpoints_are_named() -> None:
 
 def test_a_publisher_is_known_before_it_says_anything() -> None:
     rig = Rig()
-    rig.inbox.take(InMessage("/cmd_vel", "geometry_msgs/msg/Twist", None, "a"))
+    rig.inbox.receive(InMessage("/cmd_vel", "geometry_msgs/msg/Twist", None, "a"))
     assert rig.inbox.topics["/cmd_vel"].received == 0
     assert len(rig.inbox.troubles()) == 1
 
@@ -262,7 +262,11 @@ def test_the_telemetry_of_one_time_is_published_once() -> None:
     for t_s in (9.9, 10.0, 10.0, 10.1):
         rig.act(t_s)
     stamps = [one.header.stamp for one in rig.published("/odom")]
-    assert [round(one.sec + one.nanosec / 1e9 - EPOCH_S, 3) for one in stamps] == [9.9, 10.0, 10.1]
+    assert [round(stamp.sec + stamp.nanosec / 1e9 - EPOCH_S, 3) for stamp in stamps] == [
+        9.9,
+        10.0,
+        10.1,
+    ]
 
 
 def test_the_clock_does_not_go_back_for_an_image_that_is_older() -> None:
@@ -315,7 +319,7 @@ def test_messages_that_the_wire_refuses_are_counted() -> None:
 def test_a_node_gives_its_note_abort_and_end() -> None:
     rig, make = Rig(), RosMessages(TYPES)
     for topic, text in (("/wil/note", "search"), ("/wil/abort", "low battery"), ("/wil/done", "")):
-        rig.inbox.take(InMessage(topic, TEXT, make.text(text)))
+        rig.inbox.receive(InMessage(topic, TEXT, make.text(text)))
     command = rig.act(10.0)
     assert (command.note, command.done, rig.aborts) == ("search", True, ["low battery"])
 
@@ -355,7 +359,7 @@ def test_time_waits_for_the_answer_to_each_message_of_the_barrier() -> None:
 
         def answer() -> None:
             answered.set()
-            rig.inbox.take(InMessage("/cmd_vel", TWIST, data, "a"))
+            rig.inbox.receive(InMessage("/cmd_vel", TWIST, data, "a"))
 
         threading.Timer(0.05, answer).start()
 
@@ -435,7 +439,7 @@ def test_names_of_the_campaign() -> None:
     assert wire.published == [("/rgb", b"x")]
     assert topics.published("/rgb") == "/camera/image_raw"
     assert topics.published("/nothing") == ""
-    assert [(one.topic, one.delivered) for one in topics.results()] == [("/rgb", 1)]
+    assert [(result.topic, result.delivered) for result in topics.results()] == [("/rgb", 1)]
 
 
 def test_setpoints_come_on_the_name_of_the_campaign() -> None:

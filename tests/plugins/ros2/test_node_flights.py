@@ -34,7 +34,7 @@ def node(behaviour: str, topics: str, start_s: float = 300) -> str:
 def counts(result: RunResult) -> dict[str, tuple[int, int]]:
     assert result.outside is not None
     (program,) = result.outside.programs
-    return {one.topic: (one.messages, one.delivered) for one in program.topics}
+    return {topic.topic: (topic.messages, topic.delivered) for topic in program.topics}
 
 
 def test_a_node_flies_through_the_gate(fly_run: Fly) -> None:
@@ -90,7 +90,7 @@ def test_a_bag_played_back_into_the_same_node_gives_the_same_setpoints(fly_run: 
             if connection.topic == "/camera/image_raw" and not again.done:
                 played.call(STORE.deserialize_cdr(data, IMAGE))
     assert played.published == len(flown) == PictureFlight.LAST
-    assert [list(one) for one in again.answers] == flown
+    assert [list(answer) for answer in again.answers] == flown
 
 
 def test_a_node_that_breaks_in_flight_fails_the_run_with_its_last_lines(fly_run: Fly) -> None:

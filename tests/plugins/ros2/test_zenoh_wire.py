@@ -55,7 +55,7 @@ def test_messages_on_two_topics_come_in_the_order_of_the_node() -> None:
             ]
             word, setpoint = publishers
             until_s = time.monotonic() + 60.0
-            while not all(one.matching_status.matching for one in publishers):
+            while not all(publisher.matching_status.matching for publisher in publishers):
                 assert time.monotonic() < until_s
                 time.sleep(0.01)
             for _ in range(SENT):

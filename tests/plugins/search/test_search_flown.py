@@ -34,7 +34,7 @@ LONGER = ("autonomy: still.py:Still", "autonomy: {use: still.py:Still, with: {ti
 def flown_height_m(result: Path) -> Any:
     """The highest place of a run, to its last digit."""
     oracles = json.loads(result.read_text())["oracles"]
-    return next(one["actual"] for one in oracles if one["name"] == "altitude")
+    return next(oracle["actual"] for oracle in oracles if oracle["name"] == "altitude")
 
 
 def test_a_failure_is_found_confirmed_made_smaller_and_flown_from_its_file(
@@ -82,7 +82,9 @@ class Orphaned:
 
     def report(self, news: News) -> None:
         if isinstance(news, Progress):
-            heights_m = [-one.position_ned_m[2] for one in news.vehicles if one.position_ned_m]
+            heights_m = [
+                -vehicle.position_ned_m[2] for vehicle in news.vehicles if vehicle.position_ned_m
+            ]
             self._has_failed |= max(heights_m, default=0.0) > LIMIT_M + 0.1
         self._report(news)
 

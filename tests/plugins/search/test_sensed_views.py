@@ -71,7 +71,10 @@ def write_log(folder: Path, path_m: list[tuple[float, float]], *, last: Stage = 
 
 
 def views(plan: RunPlan, folder: Path) -> dict[tuple[str, str], SensedView]:
-    return {(one.sensor, one.object): one for one in sensed_views(plan, folder)}
+    return {
+        (sensed_view.sensor, sensed_view.object): sensed_view
+        for sensed_view in sensed_views(plan, folder)
+    }
 
 
 def test_a_camera_sees_objects_in_sectors_and_distances_while_the_goal_is_flown(

@@ -60,7 +60,7 @@ def test_a_wrong_argument_is_reported_before_anything_flies(
 ) -> None:
     world = tmp_path / "world.yaml"
     world.write_text(WORLD)
-    given = [str(world) if one == "WORLD" else one for one in arguments]
+    given = [str(world) if argument == "WORLD" else argument for argument in arguments]
     assert main(["vehicle", "px4", *given]) == 2
     assert said in capsys.readouterr().err
     assert not flown

@@ -41,7 +41,7 @@ def test_init_writes_a_profile_with_every_key_its_unit_and_its_default(tmp_path:
             for key in part:
                 assert re.search(rf"(?m)^  {key}: .+  # .", text), key
     campaign = load_campaign(tmp_path / "campaign.yaml")
-    assert {one.name for one in campaign.runs} >= {"wide/sim/1"}
+    assert {run.name for run in campaign.runs} >= {"wide/sim/1"}
     assert (tmp_path / "campaign.yaml").read_text().count("profile: profile.yaml") == 2
 
 

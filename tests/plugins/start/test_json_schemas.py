@@ -196,6 +196,6 @@ def test_a_campaign_on_a_bench_may_leave_its_vehicles_out(schemas: dict[str, Any
     assert isinstance(data, dict)
     alone = {key: value for key, value in data.items() if key != "vehicles"}
     validator = Draft202012Validator(schemas["campaign"])
-    assert [one.message for one in validator.iter_errors(alone)] == []
+    assert [error.message for error in validator.iter_errors(alone)] == []
     without = {key: value for key, value in alone.items() if key != "bench"}
-    assert [one.message for one in validator.iter_errors(without)] != []
+    assert [error.message for error in validator.iter_errors(without)] != []

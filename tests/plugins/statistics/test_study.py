@@ -60,7 +60,7 @@ def figure(gap: Gap, measure: str, case: str) -> GapFigure:
 
 def test_the_papers_table_holds_pooled_and_not_per_case() -> None:
     rates = pass_rates([one.result() for one in table_one()])
-    tests = {(one.case, one.one, one.other): one.p for one in rates.tests}
+    tests = {(test.case, test.one, test.other): test.p for test in rates.tests}
     pooled = tests["", "sim", "wil"]
     assert pooled is not None
     assert pooled < 0.005
@@ -73,14 +73,16 @@ def test_the_papers_table_holds_pooled_and_not_per_case() -> None:
 
 
 def test_a_flight_that_proves_nothing_leaves_the_denominator() -> None:
-    rates = pass_rates([one.result() for one in flights("a", "wil", "PIPF", (0.0, 0.1, 0.2, 0.3))])
+    rates = pass_rates(
+        [flight.result() for flight in flights("a", "wil", "PIPF", (0.0, 0.1, 0.2, 0.3))]
+    )
     (rate,) = rates.rates
     assert (rate.passed, rate.flown, rate.unproven) == (2, 3, 1)
 
 
 def test_equal_runs_have_neither_interval_nor_test() -> None:
     runs = [*flights("a", "sim", "PPPPP"), *flights("a", "wil", "FFFFF", SPREAD)]
-    rates = pass_rates([one.result() for one in runs])
+    rates = pass_rates([run.result() for run in runs])
     equal, varied = rates.rates
     assert equal.deterministic
     assert equal.interval is None

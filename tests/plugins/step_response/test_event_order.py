@@ -82,11 +82,11 @@ def test_the_firmware_s_own_trace_has_the_order_that_is_expected(
     trace = EventTrace(autopilot=autopilot_named(autopilot), target=Target(1))
     golden = json.loads((TRACES / file).read_text("utf-8"))
     for _, _, base_mode, custom_mode, status in golden["modes"]:
-        trace.take_message(
+        trace.receive_message(
             mavlink.MAVLink_heartbeat_message(2, 3, base_mode, custom_mode, status, 3), 0.0
         )
     for _, _, state in golden["landed"]:
-        trace.take_message(mavlink.MAVLink_extended_sys_state_message(0, state), 0.0)
+        trace.receive_message(mavlink.MAVLink_extended_sys_state_message(0, state), 0.0)
     rows = {row.name: row for row in order_rows(trace.events, autopilot)}
     assert not rows["landed states"].beyond
     seen = [mode for mode in rows["modes"].flown if mode != "rtl"]  # its failsafe was tried
@@ -96,7 +96,7 @@ def test_the_firmware_s_own_trace_has_the_order_that_is_expected(
 def test_messages_of_others_on_the_link_are_no_events() -> None:
     trace = EventTrace(autopilot=autopilot_named("px4"), target=Target(1))
     heartbeat = mavlink.MAVLink_heartbeat_message(6, 8, 128, 0, 4, 3)
-    trace.take(Codec(system_id=255, component_id=190).pack(heartbeat), 0.0)
+    trace.receive(Codec(system_id=255, component_id=190).pack(heartbeat), 0.0)
     assert trace.events == []
-    trace.take(Codec(system_id=1, component_id=1).pack(heartbeat), 0.0)
+    trace.receive(Codec(system_id=1, component_id=1).pack(heartbeat), 0.0)
     assert [event.name for event in trace.events] == ["armed", "other"]

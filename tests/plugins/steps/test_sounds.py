@@ -185,8 +185,8 @@ def test_real_sound_is_whole_whatever_the_jitter_of_its_time_stamps() -> None:
 def test_a_twin_whose_stamps_deviate_by_milliseconds_is_whole() -> None:
     rng = np.random.default_rng(5)
     twin = [
-        replace(one, t_s=one.t_s + rng.uniform(-0.002, 0.002))
-        for one in blocks(np.full(16_000, 500), 100, 0.9)
+        replace(block, t_s=block.t_s + rng.uniform(-0.002, 0.002))
+        for block in blocks(np.full(16_000, 500), 100, 0.9)
     ]
     real = np.full(12_800, 1000)
     rig = SoundRig("merge: add")
@@ -201,8 +201,8 @@ def test_a_twin_whose_stamps_jump_back_by_milliseconds_comes_to_its_stamps_again
     sounds[30_000] = 8000
     late_s = -40 / RATE
     twin = [
-        replace(one, t_s=one.t_s + late_s) if one.t_s > 1.5 else one
-        for one in blocks(sounds, 100, 0.9)
+        replace(block, t_s=block.t_s + late_s) if block.t_s > 1.5 else block
+        for block in blocks(sounds, 100, 0.9)
     ]
     rig = SoundRig("merge: add")
     rig.mix(blocks(np.zeros(39_000), 160), twin)

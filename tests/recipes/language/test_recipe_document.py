@@ -56,7 +56,10 @@ def test_two_mixtures_of_a_sensor_for_different_vehicles() -> None:
         "  - {sensor: camera, merge: {overlay: [twin, real]}, publish: [real]}\n"
         "  - {sensor: camera, merge: {overlay: [real, twin]}, publish: [twin]}\n"
     )
-    assert [one.publish for one in read(body).combinations] == [("real",), ("twin",)]
+    assert [combination.publish for combination in read(body).combinations] == [
+        ("real",),
+        ("twin",),
+    ]
 
 
 def test_all_faults_at_once_in_order_of_their_places() -> None:

@@ -39,7 +39,7 @@ def test_every_step_is_described_with_its_parameters() -> None:
     assert (to.takes, to.needed) == ("real | twin or {width_px, height_px}", True)
     assert docs["geodetic", "transform"].gives == "gps"
     assert docs["use", "filter"].parameters[-1].name == "with"
-    overlay = {one.name: one for one in docs["overlay", "merge"].parameters}
+    overlay = {parameter.name: parameter for parameter in docs["overlay", "merge"].parameters}
     assert overlay["priority"].default == "[twin, real]"
     for doc in docs.values():
         assert doc.summary.endswith((".", ":"))

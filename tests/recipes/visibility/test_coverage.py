@@ -24,7 +24,7 @@ def seen(
 
 def flown(frames: list[FrameVisibility]) -> tuple[Coverage, VisibilityFault | None]:
     coverage = Coverage()
-    faults = [coverage.take(frame) for frame in frames]
+    faults = [coverage.observe(frame) for frame in frames]
     return coverage, next((fault for fault in faults if fault is not None), None)
 
 
@@ -105,12 +105,12 @@ def test_another_sensor_may_show_it() -> None:
 
 def test_one_displaced_frame_is_looked_at_more_closely_and_two_are_a_fault() -> None:
     coverage = Coverage()
-    assert coverage.take(seen(1.0, offset=87.0)) is None
+    assert coverage.observe(seen(1.0, offset=87.0)) is None
     assert coverage.is_suspect()
-    assert coverage.take(seen(1.07)) is None
+    assert coverage.observe(seen(1.07)) is None
     assert not coverage.is_suspect()
-    assert coverage.take(seen(2.0, offset=87.0)) is None
-    fault = coverage.take(seen(2.067, offset=86.0))
+    assert coverage.observe(seen(2.0, offset=87.0)) is None
+    fault = coverage.observe(seen(2.067, offset=86.0))
     assert fault is not None
     said = "the mixture shows gate 86 px from its place at 2.067 s; the limit is 10 px"
     assert fault.text == said
@@ -121,12 +121,12 @@ def test_a_missed_frame_is_looked_at_more_closely_until_a_second_one_confirms_it
     coverage = Coverage()
     suspect = []
     for k, is_shown in enumerate((True, False, True, False, False, False)):
-        coverage.take(seen(float(k), shown=is_shown))
+        coverage.observe(seen(float(k), shown=is_shown))
         suspect.append(coverage.is_suspect())
     assert suspect == [False, True, False, True, False, False]
-    coverage.take(seen(9.0))
-    coverage.take(seen(10.0, shown=False))
-    coverage.take(seen(11.0, in_view=False))
+    coverage.observe(seen(9.0))
+    coverage.observe(seen(10.0, shown=False))
+    coverage.observe(seen(11.0, in_view=False))
     assert not coverage.is_suspect()
 
 
@@ -140,8 +140,8 @@ def test_objects_left_out_by_name_are_counted() -> None:
 def test_something_virtual_where_nothing_is_due_is_a_fault() -> None:
     coverage = Coverage()
     frame = FrameVisibility(1.0, elsewhere=0.05, is_unexpected=True)
-    assert coverage.take(frame) is None
-    fault = coverage.take(frame)
+    assert coverage.observe(frame) is None
+    fault = coverage.observe(frame)
     assert fault is not None
     assert "5.0 % of the reading" in fault.text
 

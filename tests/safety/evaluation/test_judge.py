@@ -165,8 +165,8 @@ def test_a_vehicle_that_dropped_out_is_judged_until_then_and_the_others_to_the_e
     for vehicle in ("twin", "real"):
         judge.pose(pose(3.0, vehicle, (0, 0, -9)))
     judge.tick(20.0)
-    flags = [(one.oracle, one.vehicle) for one in judge.flags if one.t_s > 2.0]
-    reported = [one for one in flags if one[1] == "twin" and one[0] != "kept"]
+    flags = [(flag.oracle, flag.vehicle) for flag in judge.flags if flag.t_s > 2.0]
+    reported = [flag for flag in flags if flag[1] == "twin" and flag[0] != "kept"]
     assert reported == []
     # What is required of the twin is judged to the end, as is the other vehicle.
     assert {("kept", "twin"), ("altitude", "real"), ("time_limit", "real")} <= set(flags)

@@ -29,8 +29,8 @@ def judged(signal: SignalTerms, *, lost_s: float | None, found_s: float = 9.0) -
         if tick == 40:
             evidence.stage(StageSample(t_s, "landed"))
     (result,) = evidence.results()
-    assert [one.kind for one in evidence.events] == ["INVALID"] * (result.verdict == "INVALID")
-    assert all(one.t_s == lost_s for one in evidence.events)
+    assert [event.kind for event in evidence.events] == ["INVALID"] * (result.verdict == "INVALID")
+    assert all(event.t_s == lost_s for event in evidence.events)
     return result
 
 

@@ -72,7 +72,7 @@ def test_an_estimate_that_drifts_by_itself_is_found_by_the_receiver() -> None:
 
 def test_a_landing_whose_velocity_is_wrong_is_found_by_a_receiver_that_is_exact() -> None:
     # By its own velocity the real PX4 1.18 went 0.9 m/s aside while it landed.
-    exact = [one._replace(accuracy_m_s=0.05) for one in ground_speeds(PX4)]
+    exact = [ground_speed._replace(accuracy_m_s=0.05) for ground_speed in ground_speeds(PX4)]
     result = judged(drifting(recorded(PX4), 1.0), exact)
     assert result.verdict == "INVALID"
     assert "by gps 0." in result.reason

@@ -41,7 +41,7 @@ def seen(
     turned_rad, accuracy_rad = math.radians(turned_deg), math.radians(accuracy_deg)
     evidence.heading(HeadingSample(at_s, "real", source, turned_rad, accuracy_rad))
     results = evidence.results()
-    assert bool(evidence.events) == any(one.verdict == "INVALID" for one in results)
+    assert bool(evidence.events) == any(result.verdict == "INVALID" for result in results)
     return results[0] if results else None
 
 

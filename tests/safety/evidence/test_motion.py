@@ -151,7 +151,7 @@ def test_another_source_that_is_no_number_says_nothing(bad: float) -> None:
         t_s = tick / 50.0
         evidence.reference(ReferenceSample(t_s, "real", "truth", place, (0.0, 0.0, 0.0)))
         evidence.pose(PoseSample(t_s, "real", Pose((t_s, 0.0, -1.0)), (1.0, 0.0, 0.0)))
-    assert [one.compared_with for one in evidence.results()] == [(), (), ()]
+    assert [result.compared_with for result in evidence.results()] == [(), (), ()]
 
 
 @pytest.mark.parametrize(("seconds", "sources"), [(0.9, ()), (1.3, ("truth",))])

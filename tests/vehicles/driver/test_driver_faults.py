@@ -558,10 +558,10 @@ def test_full_text_without_an_end_is_the_reason_at_once_and_an_event_after_a_sec
         )
         with pytest.raises(NotReadyError, match="Vehicle is in safety configuration"):
             await driver.ready(2.0)
-        texts = [one for one in events if one.kind == "text"]
+        texts = [event for event in events if event.kind == "text"]
         assert texts == []
         await asyncio.sleep(1.0)
-        return [one for one in events if one.kind == "text"]
+        return [event for event in events if event.kind == "text"]
 
     ((event),) = _run(fake_pair, script, peer_is="px4")
     assert (event.text, event.severity) == (reason, 2)

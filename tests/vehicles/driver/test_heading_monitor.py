@@ -101,5 +101,5 @@ def test_reset_of_the_estimator_is_an_event(fake_pair: Callable[..., Any]) -> No
         )  # fmt: skip
 
     _, events = armed(fake_pair, say)
-    texts = [one.text for one in events if one.kind == "estimator_reset"]
+    texts = [event.text for event in events if event.kind == "estimator_reset"]
     assert texts == ["its estimator was reset (ODOMETRY reset_counter 4 to 5)"]

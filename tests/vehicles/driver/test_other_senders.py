@@ -76,12 +76,12 @@ def test_its_heartbeats_are_no_state_of_the_vehicle_and_it_is_named(
         sending.cancel()
 
     events = flown(fake_pair, kind, script)
-    (text,) = [one.text for one in events if one.kind == "other_sender"]
+    (text,) = [event.text for event in events if event.kind == "other_sender"]
     assert text == (
         f"another sender of heartbeats has its ids (system 1, component 1): "
         f"{HeartbeatKind(*kind)}; they are ignored; give it a component id of its own"
     )
-    assert [one.kind for one in events if one.kind in {"disarmed", "failsafe"}] == []
+    assert [event.kind for event in events if event.kind in {"disarmed", "failsafe"}] == []
 
 
 def test_its_heartbeats_are_no_sign_of_life(fake_pair: Callable[..., Any]) -> None:
@@ -94,7 +94,7 @@ def test_its_heartbeats_are_no_sign_of_life(fake_pair: Callable[..., Any]) -> No
         assert not driver.state.link_up
 
     events = flown(fake_pair, COMPANION, script)
-    assert [one.kind for one in events if one.kind.startswith("link")] == ["link_lost"]
+    assert [event.kind for event in events if event.kind.startswith("link")] == ["link_lost"]
 
 
 def test_kind_is_read_from_cut_frames_of_both_versions() -> None:

@@ -17,7 +17,7 @@ from wil_campaign.foundation.processes.identity import ProcessId, boot_id
 from wil_campaign.vehicles.launch.ardupilot import ArduPilotLaunch
 from wil_campaign.vehicles.launch.launch_plan import Home, LaunchError, Port
 from wil_campaign.vehicles.launch.launch_records import RECORD, LaunchRecord, find_orphans
-from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch, is_free, take_instance
+from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch, is_free, receive_instance
 from wil_campaign.vehicles.launch.px4 import Px4Launch
 
 HOME = Home(47.4, 8.5, 488.0, 90.0)
@@ -161,7 +161,7 @@ async def test_a_failed_start_is_reported_and_gives_the_instance_back(
         await _vehicle(sims, binary, ready_s=ready_s).__aenter__()
     assert sims.gone(sims.pid_of(binary))
     # The instance is given back.
-    take_instance(ArduPilotLaunch(binary=binary), locks=sims.locks).close()
+    receive_instance(ArduPilotLaunch(binary=binary), locks=sims.locks).close()
 
 
 def test_a_missing_program_or_docker_is_named(
@@ -317,8 +317,8 @@ def test_a_spoilt_record_names_no_process(tmp_path: Path, text: str) -> None:
 def test_instances_avoid_locks_and_busy_ports(sims: Any) -> None:
     launch = ArduPilotLaunch(binary=sims.folder / "x")
     with (
-        take_instance(launch, locks=sims.locks) as one,
-        take_instance(launch, locks=sims.locks) as two,
+        receive_instance(launch, locks=sims.locks) as one,
+        receive_instance(launch, locks=sims.locks) as two,
     ):
         assert one.number < two.number
         with socket.socket() as taken:
@@ -327,9 +327,9 @@ def test_instances_avoid_locks_and_busy_ports(sims: Any) -> None:
                 free += 1
             taken.bind(("127.0.0.1", launch.ports(free)[1].number))
             taken.listen()
-            with take_instance(launch, locks=sims.locks) as three:
+            with receive_instance(launch, locks=sims.locks) as three:
                 assert three.number > free
-    with take_instance(launch, locks=sims.locks) as again:
+    with receive_instance(launch, locks=sims.locks) as again:
         assert again.number == one.number
 
 
@@ -339,7 +339,7 @@ def test_a_launch_without_a_free_instance_is_an_error(sims: Any) -> None:
 
         def take_all() -> None:
             for _ in range(11):
-                held.enter_context(take_instance(launch, locks=sims.locks))
+                held.enter_context(receive_instance(launch, locks=sims.locks))
 
         with pytest.raises(LaunchError, match="all 10 instances are in use"):
             take_all()

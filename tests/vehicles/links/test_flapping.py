@@ -148,7 +148,7 @@ def test_a_flight_by_a_link_that_flaps(
     assert {"armed", "disarmed"} <= {event.kind for event in events}
     # What is shorter than a loss is no event, and a connection that flaps is told of once.
     assert len([one for one in events if one.kind in {"link_lost", "link_back"}]) <= 6
-    said = [one.getMessage() for one in caplog.records if f"{kind}out" in one.getMessage()]
+    said = [record.getMessage() for record in caplog.records if f"{kind}out" in record.getMessage()]
     assert len(said) <= 6
 
 
@@ -186,7 +186,7 @@ def test_a_peer_that_resets_every_connection_is_tried_for_less_and_less(
         runner.run(tried())
     # After 0.2, 0.4, 0.8, 1.6 and then every 3 s; not five times a second.
     assert 4 <= len(counted) <= 16
-    said = [one.getMessage() for one in caplog.records]
+    said = [record.getMessage() for record in caplog.records]
     assert len(said) <= 6
     assert (
         sum(
@@ -222,7 +222,7 @@ def flapped(
         await recovery.stop()
 
     run_virtual(run())
-    return flaky, [one.getMessage() for one in caplog.records]
+    return flaky, [record.getMessage() for record in caplog.records]
 
 
 def test_a_link_that_flaps_is_reported_once_and_again_when_it_stays(

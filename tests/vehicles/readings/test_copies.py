@@ -19,7 +19,9 @@ def with_numpy_numbers(value: Any) -> Any:
     if isinstance(value, bool | int | float):
         return np.array(value)[()]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        parts = {one.name: with_numpy_numbers(getattr(value, one.name)) for one in fields(value)}
+        parts = {
+            field.name: with_numpy_numbers(getattr(value, field.name)) for field in fields(value)
+        }
         return replace(value, **parts)
     return value
 

@@ -189,9 +189,9 @@ def test_speeds_are_drawn_once_for_each_way_about_the_speed_of_the_file() -> Non
     assert drawn == motion.drawn(np.random.default_rng(1))
     assert drawn != motion.drawn(np.random.default_rng(2))
     speeds = [
-        one.speed_m_s
+        waypoint.speed_m_s
         for seed in range(400)
-        for one in motion.drawn(np.random.default_rng(seed)).waypoints[:1]
+        for waypoint in motion.drawn(np.random.default_rng(seed)).waypoints[:1]
     ]
     assert np.mean(speeds) == pytest.approx(2.0, abs=0.03)
     assert np.std(speeds) == pytest.approx(0.2, abs=0.02)
@@ -201,5 +201,7 @@ def test_speeds_are_drawn_once_for_each_way_about_the_speed_of_the_file() -> Non
 def test_a_drawn_speed_is_never_backwards() -> None:
     motion = Motion(BEGIN, L_WAY, speed_sd_m_s=50.0)
     for seed in range(50):
-        speeds = [one.speed_m_s for one in motion.drawn(np.random.default_rng(seed)).waypoints]
+        speeds = [
+            waypoint.speed_m_s for waypoint in motion.drawn(np.random.default_rng(seed)).waypoints
+        ]
         assert min(speeds) > 0.0

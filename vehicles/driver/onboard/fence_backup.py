@@ -81,5 +81,5 @@ def _items(rows: Sequence[Sequence[Any]]) -> tuple[MissionItem, ...]:
 
 def _is_same_fence(sent: Sequence[MissionItem], now: Sequence[MissionItem]) -> bool:
     return len(sent) == len(now) and all(
-        one.agrees(other) for one, other in zip(sent, now, strict=True)
+        mission_item.agrees(other) for mission_item, other in zip(sent, now, strict=True)
     )

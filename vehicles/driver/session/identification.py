@@ -136,17 +136,17 @@ class _Answers:
 
     def _handlers(self) -> list[tuple[int, Handler]]:
         handlers: list[tuple[int, Handler]] = [
-            (mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, self._take_version),
+            (mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, self._receive_version),
             (mavlink.MAVLINK_MSG_ID_HEARTBEAT, self._note_delay),
         ]
-        sign = [] if self._sign_id is None else [(self._sign_id, self._take_sign)]
+        sign = [] if self._sign_id is None else [(self._sign_id, self._receive_sign)]
         return handlers + sign
 
-    def _take_version(self, message: Any, t_s: float) -> None:
+    def _receive_version(self, message: Any, t_s: float) -> None:
         self.version, self.version_s = message, t_s
         self._changes.notify()
 
-    def _take_sign(self, _message: Any, _t_s: float) -> None:
+    def _receive_sign(self, _message: Any, _t_s: float) -> None:
         self.is_simulated = True
         self._changes.notify()
 

@@ -125,9 +125,11 @@ def same_vehicle(one: Identity, other: Identity) -> bool:
 
 def describe_mismatches(heartbeats: Mapping[Sender, ReceivedHeartbeat], wanted: Wanted) -> str:
     """Return in words why none of the received vehicles is the wanted one."""
-    lines = [_describe_mismatch(one.target, each, wanted) for one, each in heartbeats.items()]
+    lines = [_describe_mismatch(sender.target, each, wanted) for sender, each in heartbeats.items()]
     if all(each.vehicle_type == mavlink.MAV_TYPE_GCS for each in heartbeats.values()):
-        systems = ", ".join(str(one) for one in dict.fromkeys(one.system for one in heartbeats))
+        systems = ", ".join(
+            str(fromkey) for fromkey in dict.fromkeys(heartbeat.system for heartbeat in heartbeats)
+        )
         return f"heartbeats of system {systems} only: this is a ground station's port"
     return "; ".join(lines)
 

@@ -112,7 +112,7 @@ class SecondVehicle:
         if len(beats) < _BEATS:
             return
         gaps = [later - earlier for earlier, later in pairwise(beats)]
-        same = all(abs(one - gaps[n % 2]) <= _BEAT_WITHIN_S for n, one in enumerate(gaps))
+        same = all(abs(gap - gaps[n % 2]) <= _BEAT_WITHIN_S for n, gap in enumerate(gaps))
         if same and abs(gaps[0] + gaps[1] - _BEAT_S) <= _BEAT_WITHIN_S:
             self._find("heartbeats come twice a second, in two phases", t_s)
 

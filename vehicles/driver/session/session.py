@@ -150,7 +150,7 @@ class Session:
                 if kind is not None and self._kind not in {None, kind}:
                     self._note_other(kind, t_s)
                     continue
-                self._take(frame, t_s)
+                self._receive(frame, t_s)
 
     def received_unread(self, arrived_s: Sequence[float]) -> None:
         """Note the arrival times of frames that were dropped: the vehicle was not silent then."""
@@ -167,7 +167,7 @@ class Session:
     def _note_version(self, message: Any, t_s: float) -> None:
         self.second_vehicle.version(message, t_s)
 
-    def _take(self, frame: Frame, t_s: float) -> None:
+    def _receive(self, frame: Frame, t_s: float) -> None:
         """Dispatch a frame with the target's ids, unless it is of a second sender with them."""
         own, others = self._frames.split(frame, t_s)
         for _ in others:

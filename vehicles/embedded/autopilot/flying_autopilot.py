@@ -92,7 +92,7 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
         """Set home, send texts and reset failsafes after arming, before the mode is flown."""
 
     @abstractmethod
-    def _take_setpoint(self, wanted: Wanted | None) -> None:
+    def _receive_setpoint(self, wanted: Wanted | None) -> None:
         """Fly a received setpoint, if the mode does."""
 
     @abstractmethod
@@ -239,7 +239,7 @@ class FlyingAutopilot(EmulatedAutopilot, Generic[Mode]):
     def _on_global_setpoint(self, message: Any) -> None:
         if self._takes_global_setpoints():
             state = self.state
-            self._take_setpoint(global_setpoint(message, state.frame, state.home_down_m))
+            self._receive_setpoint(global_setpoint(message, state.frame, state.home_down_m))
 
     def _place_of(self, command: Command) -> Vec3:
         """Return a command's position, local; values that are not finite mean the present ones."""

@@ -68,7 +68,7 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
         """Mark the current item as reached when the mission has landed."""
         mission, flight = self._flown_mission, self.flight
         if mission is not None and flight.landed and flight.landed_at_s is not None:
-            mission.take_landing()
+            mission.receive_landing()
 
     def begin_item(self, seq: int) -> None:
         """Note that the autopilot now flies this mission item."""

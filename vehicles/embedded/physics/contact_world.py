@@ -53,7 +53,7 @@ class SceneContactWorld:
     def contact(self, pose_0: Pose, t_0: float, pose_1: Pose, t_1: float) -> str | None:
         """Return the first contact on the way between two poses, or None."""
         swept = self._probe.sweep(pose_0, t_0, pose_1, t_1, self._events)
-        touched = [one for one in swept if one.clearance_m <= 0.0]
+        touched = [clearance for clearance in swept if clearance.clearance_m <= 0.0]
         first = min(touched, key=lambda one: one.at_s, default=None)
         return None if first is None else f"{first.object_name}.{first.part_name}".rstrip(".")
 

@@ -47,7 +47,7 @@ class MotionCaptureFeed:
         rate_hz, physics_hz = self._noise.rate_hz, self._physics_hz
         return step * rate_hz // physics_hz != (step - 1) * rate_hz // physics_hz
 
-    def take(self, truth: TruthSample) -> None:
+    def receive(self, truth: TruthSample) -> None:
         """Sample the vehicle's true pose for motion capture."""
         pose = truth.pose
         if self._noisy:

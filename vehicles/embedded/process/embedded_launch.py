@@ -64,7 +64,7 @@ class FeedClient:
 
     async def __aenter__(self) -> Self:
         """Read the feed client's socket from now on."""
-        self._socket = FeedSocket(self._end, self._take)
+        self._socket = FeedSocket(self._end, self._receive)
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -72,7 +72,7 @@ class FeedClient:
         if self._socket is not None:
             self._socket.close()
 
-    def _take(self, data: bytes) -> None:
+    def _receive(self, data: bytes) -> None:
         """Handle a packet of the embedded vehicle's feed."""
         try:
             message = from_vehicle.decode(data)

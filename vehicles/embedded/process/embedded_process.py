@@ -65,7 +65,7 @@ class FeedEnd(asyncio.DatagramProtocol):
 
     def inherit(self, end: socket.socket) -> None:
         """Use an inherited socket."""
-        self._inherited = FeedSocket(end, self.take)
+        self._inherited = FeedSocket(end, self.receive)
 
     def close(self) -> None:
         """Close the feed's socket."""
@@ -80,12 +80,12 @@ class FeedEnd(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: object) -> None:  # noqa: ARG002 - asyncio's
         """Handle a datagram: from the one address that the feed is sent to."""
-        self.take(data)
+        self.receive(data)
 
-    def take(self, data: bytes) -> None:
+    def receive(self, data: bytes) -> None:
         """Handle an event or a fault; anything else is reported on stderr and dropped."""
         try:
-            self._take(to_vehicle.decode(data))
+            self._receive(to_vehicle.decode(data))
         except (MessageError, FaultError) as error:
             sys.stderr.write(f"feed: {error}\n")
 
@@ -108,7 +108,7 @@ class FeedEnd(asyncio.DatagramProtocol):
         elif self._transport is not None and not self._transport.is_closing():
             self._transport.sendto(packet)
 
-    def _take(self, message: ToVehicle) -> None:
+    def _receive(self, message: ToVehicle) -> None:
         """Handle a message to the embedded process: event or fault."""
         match message:
             case WorldEvent(_, name, t_s):

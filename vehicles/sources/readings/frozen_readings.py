@@ -41,7 +41,7 @@ class FrozenReadings:
     def __init__(self) -> None:
         self._since: _EqualReadings | None = None
 
-    def take(self, reading: Reading, pose: Pose | None) -> str | None:
+    def receive(self, reading: Reading, pose: Pose | None) -> str | None:
         """Return a message that the sensor is frozen; None when not. pose: of the vehicle."""
         numbers = _numbers(reading)
         if not numbers:

@@ -81,11 +81,11 @@ class MavlinkReadings:
         """Take the vehicle's messages from now on; before it is identified."""
         self._vehicle = vehicle
         if self._sensor.message is None:
-            vehicle.on_estimate(self._take_estimate)
+            vehicle.on_estimate(self._receive_estimate)
             return
-        vehicle.on_message(message_number(self._sensor.message), self._take)
+        vehicle.on_message(message_number(self._sensor.message), self._receive)
 
-    def _take(self, message: Any, arrived_s: float) -> None:
+    def _receive(self, message: Any, arrived_s: float) -> None:
         try:
             reading = self._reading(message, arrived_s)
         except UnusableReadingError as error:
@@ -94,7 +94,7 @@ class MavlinkReadings:
         if reading is not None:
             self._into.offer(reading)
 
-    def _take_estimate(self, sample: EstimateSample) -> None:
+    def _receive_estimate(self, sample: EstimateSample) -> None:
         rate_hz = self._sensor.rate_hz
         if sample.t_s < self._due_s - _EARLIER_S:
             return

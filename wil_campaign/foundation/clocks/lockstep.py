@@ -53,14 +53,14 @@ class Lockstep:
         """Start the lockstep clock at the wall clock's present time: all processes are there."""
         run_s, wall_s = segment.run_s, segment.wall_s
         for follower in self._followers.values():
-            follower.take_report(run_s)
+            follower.receive_report(run_s)
         self._extended_s, self._extended_step = wall_s, self._steps
         self._segment = Segment(wall_s, run_s, self._nominal, LEAD_S / self._nominal)
 
     def report(self, name: str, run_s: float) -> None:
         """Take the report that a process has done all that was due until a run-clock time."""
         if name in self._followers:
-            self._followers[name].take_report(run_s)
+            self._followers[name].receive_report(run_s)
 
     def step(self) -> None:
         """Count a step of the leading process: one every `STEP_S` of wall time, when scheduled."""
@@ -99,7 +99,7 @@ class Lockstep:
         return True
 
     def _awaited_progress_s(self) -> list[float]:
-        return [one.run_s for one in self._followers.values() if one.awaited]
+        return [follower.run_s for follower in self._followers.values() if follower.awaited]
 
 
 class _Follower:
@@ -109,6 +109,6 @@ class _Follower:
         self.awaited = False
         self.run_s = 0.0
 
-    def take_report(self, run_s: float) -> None:
+    def receive_report(self, run_s: float) -> None:
         self.run_s = max(self.run_s, run_s)
         self.awaited = True

@@ -131,7 +131,7 @@ def _error_text(error: BaseException, path: Path) -> str:
     if isinstance(error, SyntaxError):
         return text
     frames = traceback.extract_tb(error.__traceback__)
-    own = [one for one in frames if Path(one.filename).is_relative_to(path.parent)]
+    own = [frame for frame in frames if Path(frame.filename).is_relative_to(path.parent)]
     if not own:
         return text
     place = Path(own[-1].filename)

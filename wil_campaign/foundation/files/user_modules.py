@@ -192,19 +192,19 @@ def own_file(file: str) -> Path | None:
 
 
 def _folder_at(place: Path) -> UserFolder | None:
-    return next((one for one in _folders.values() if one.place == place), None)
+    return next((folder for folder in _folders.values() if folder.place == place), None)
 
 
 def _is_package(folder: Path) -> bool:
     """Return whether a folder is a package of the user's; a shipped autonomy is in none."""
-    is_ours = any(folder.is_relative_to(one) for one in _our_folders())
+    is_ours = any(folder.is_relative_to(our_folder) for our_folder in _our_folders())
     return not is_ours and folder.name.isidentifier() and is_file(folder / "__init__.py")
 
 
 @cache
 def _our_folders() -> tuple[Path, ...]:
     """Return the folders of this program, resolved: a checkout has links to them."""
-    return tuple(one.resolve() for one in Path(_ours()).iterdir() if one.is_dir())
+    return tuple(path.resolve() for path in Path(_ours()).iterdir() if path.is_dir())
 
 
 @cache

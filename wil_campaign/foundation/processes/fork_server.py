@@ -282,8 +282,8 @@ def _fork(
         pid = os.fork()
         if pid == 0:
             return _Child(request, reply, descriptors[1:])
-    for one in descriptors[1:]:
-        os.close(one)
+    for descriptor in descriptors[1:]:
+        os.close(descriptor)
     if pid is None:
         reply.close()
         return None
@@ -350,7 +350,7 @@ def _is_wanted(reply: socket.socket) -> bool:
 
 def _place(descriptors: Sequence[int], numbers: Sequence[int]) -> None:
     above = max(numbers) + 1
-    apart = [fcntl.fcntl(one, fcntl.F_DUPFD, above) for one in descriptors]
+    apart = [fcntl.fcntl(descriptor, fcntl.F_DUPFD, above) for descriptor in descriptors]
     for one, number in zip(apart, numbers, strict=True):
         os.dup2(one, number)
     for entry in tuple(Path("/proc/self/fd").iterdir()):

@@ -50,7 +50,7 @@ def test_another_content_is_a_change_unless_no_run_reads_it(
         (tmp_path / one).write_text("x = 1")
         digests[one] = file_digest(tmp_path / one)
     campaign = tmp_path / "campaign.yaml"
-    read = [tmp_path / one for one in digests]
+    read = [tmp_path / digest for digest in digests]
     files = FlownFiles.of(campaign, digests, read=read, skipped=[campaign])
     files.require_unchanged()
     change(tmp_path / name)

@@ -38,7 +38,7 @@ def campaign(hover: Path) -> Campaign:
 
 
 def results(verdicts: str) -> dict[str, RunResult]:
-    return {one.name: one.result() for one in flights("default", "sim", verdicts)}
+    return {flight.name: flight.result() for flight in flights("default", "sim", verdicts)}
 
 
 def test_the_campaign_plans_the_most_and_requires_the_decision(campaign: Campaign) -> None:

@@ -41,7 +41,7 @@ def hover(tmp_path: Path) -> Path:
 def test_a_part_without_a_real_vehicle_is_flown_beside_one_with_it(hover: Path) -> None:
     whole = composed(hover.parent, f"smoke: hover.yaml, gate: {GATE}")
     assert whole.modes == ("sim", "wil")
-    assert [one.name for one in flown_vehicles(whole)] == ["twin", "real"]
+    assert [flown_vehicle.name for flown_vehicle in flown_vehicles(whole)] == ["twin", "real"]
     assert clock_for(whole, None) == "virtual"
     cleared = clear(whole, FlightOptions(jobs=1))
     assert cleared == Cleared("virtual", 1, "embedded")
@@ -64,7 +64,7 @@ def test_flights_are_judged_again_by_the_pose_source_that_they_were_judged_by() 
     truth = "vehicles.real.pose_source=simulator"
     flown = {"options": {"set": ["goal.altitude_m=1", truth]}}
     judged = _as_settled(gate_at("null"), flown)
-    assert {one.vehicles["real"].pose_source for one in judged.setups.values()} == {"simulator"}
+    assert {setup.vehicles["real"].pose_source for setup in judged.setups.values()} == {"simulator"}
     assert judged.options.sets[-1] == truth
     for campaign, manifest in (
         (gate_at("mavlink"), flown),

@@ -59,7 +59,7 @@ def ledger(folder: Path) -> list[tuple[str, str, str]]:
     lines: list[dict[str, Any]] = [
         json.loads(one) for one in (folder / "ledger.jsonl").read_text().splitlines()
     ]
-    return [(one["session"], one["event"], one.get("run", "")) for one in lines]
+    return [(line["session"], line["event"], line.get("run", "")) for line in lines]
 
 
 def test_a_real_run_without_a_result_is_lost_and_flown_again_by_its_name_alone(
@@ -85,7 +85,7 @@ def test_a_run_that_a_killed_resumption_had_set_aside_is_lost(
     set_aside(tmp_path, FIRST)  # and there the program was killed
     lost = resume(tmp_path, campaign).results[FIRST]
     assert "it had been set aside for another flight" in lost.reason
-    assert [one.folder for one in lost.attempts] == [f"earlier/{FIRST}-1"]
+    assert [attempt.folder for attempt in lost.attempts] == [f"earlier/{FIRST}-1"]
 
 
 def test_a_simulated_run_is_flown_again(campaign: Campaign, tmp_path: Path) -> None:
@@ -215,7 +215,7 @@ def test_a_reader_names_what_was_begun_and_has_no_result(
 ) -> None:
     finish(tmp_path, campaign, 1, "PASS")
     problems = read_campaign(tmp_path).run_problems
-    assert [one.partition(": ")[0] for one in problems] == [FIRST, FIRST]
+    assert [problem.partition(": ")[0] for problem in problems] == [FIRST, FIRST]
     assert "was started and has no result" in problems[1]
 
 

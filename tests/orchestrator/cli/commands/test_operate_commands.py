@@ -222,7 +222,9 @@ async def test_a_guard_of_another_campaign_whose_program_has_died_is_in_the_air(
     assert f"wil-campaign abort {folder}  # fast/wil/1: 0 of 4 runs; " in err
     assert not fleet.aborted
     # Programs and guards of one campaign are one, however many runs it flies.
-    own = tuple(replace(one, folder=gate.folder / one.name, campaign=None) for one in orphans)
+    own = tuple(
+        replace(orphan, folder=gate.folder / orphan.name, campaign=None) for orphan in orphans
+    )
     show_places(monkeypatch, Places((gate,), own))
     assert (await cli("abort"))[0] == 0
     show_places(monkeypatch, Places((), orphans))

@@ -160,8 +160,12 @@ def test_an_image_is_drawn_where_its_camera_looks(source: Source, *, stabilized:
     pose = encoder.encode("pose", PoseReading(0.1, 0.2, "real", body))
     images = encoder.encode("camera", replace(camera(0, source), sensor="camera"))
     documents = [json.loads(one.data) for one in (*encoder.fixed_transforms(), *pose)]
-    transforms = {one["child_frame_id"]: one for one in documents if "child_frame_id" in one}
-    shown = {one.channel.topic: json.loads(one.data) for one in images}
+    transforms = {
+        document["child_frame_id"]: document
+        for document in documents
+        if "child_frame_id" in document
+    }
+    shown = {image.channel.topic: json.loads(image.data) for image in images}
     assert {one["frame_id"] for one in shown.values()} == {"real/camera"}
 
     def seen_from(frame: str, point_ned_m: Vec3) -> Vec3:

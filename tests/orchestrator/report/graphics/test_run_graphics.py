@@ -37,7 +37,7 @@ def test_a_card_has_the_verdict_the_paths_and_the_failed_run_first(folder: Path)
     with Image.open(path) as image:
         assert image.size == SIZE_PX
     colours = (VERDICTS["FAIL"], SUBJECTS["real"], SUBJECTS["twin"])
-    assert all(has_colour(path, one) for one in colours)
+    assert all(has_colour(path, colour) for colour in colours)
     passed = write_card(folder, "large/sim/1")
     assert has_colour(passed, VERDICTS["PASS"])
 

@@ -12,7 +12,7 @@ from wil_campaign.orchestrator.report.rendering.plot_svg import plot_svg
 
 
 def spans(curve: Curve) -> list[tuple[float, float]]:
-    return [(one[0][0], one[-1][0]) for one in curve.stretches]
+    return [(stretch[0][0], stretch[-1][0]) for stretch in curve.stretches]
 
 
 def drawn(plot: Plot) -> list[str]:
@@ -26,7 +26,9 @@ def test_there_is_no_line_while_there_is_no_value() -> None:
         (k / 10, {"skew_ms": 1.0, "registration_error_px": None if 30 <= k < 50 else 2.0})
         for k in range(100)
     ]
-    plots = {one.title: one for one in mixture_plots({"camera": rows}, 4.0)}
+    plots = {
+        mixture_plot.title: mixture_plot for mixture_plot in mixture_plots({"camera": rows}, 4.0)
+    }
     (skew,), (error,) = plots["exposure skew"].curves, plots["registration error"].curves
     assert spans(skew) == [(0.0, 9.9)]
     assert spans(error) == [(0.0, 2.9), (5.0, 9.9)]
@@ -57,7 +59,7 @@ def test_the_shading_beyond_a_limit_stops_at_a_gap() -> None:
     run = RunReport(name="a/wil/1", case="a", mode="wil", rep="1", result=None, span_s=(0.0, 10.0))
     areas = re.findall(r'<polygon points="([^"]*)"', plot_svg(plot, run))
     ends = [sorted(float(one.split(",")[0]) for one in area.split()) for area in areas]
-    assert [(one[0], one[-1]) for one in ends] == [(100.0, 200.0), (700.0, 800.0)]
+    assert [(end[0], end[-1]) for end in ends] == [(100.0, 200.0), (700.0, 800.0)]
 
 
 @pytest.mark.parametrize("count", [501, 30_000])

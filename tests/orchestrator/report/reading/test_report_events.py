@@ -24,7 +24,7 @@ def test_a_vehicle_that_says_much_hides_no_event_that_decided(tmp_path: Path) ->
         log.write(52.0, "vehicle", vehicle="real", kind="text", text="GPS glitch")
         log.write(53.0, "stage", stage="end")
     found = read_event_log(path)
-    assert [one.kind for one in found.events[MOST_EVENTS:]] == ["flag", "decisive", "stage"]
+    assert [event.kind for event in found.events[MOST_EVENTS:]] == ["flag", "decisive", "stage"]
     assert found.left_out == 51
     cause = cause_of(LINK_LOST, found.events, goal_s=50.0, passed=None)
     assert cause is not None
@@ -39,7 +39,7 @@ def test_flags_without_end_are_limited_and_hide_no_decisive_event(tmp_path: Path
             log.write(k / 10, "flag", oracle="altitude", vehicle="real", text="real is 3 m high")
         log.write(100.0, "decisive", kind="ERROR", reason="the link was lost", source="")
     found = read_event_log(path)
-    assert [one.kind for one in found.events[-2:]] == ["flag", "decisive"]
+    assert [event.kind for event in found.events[-2:]] == ["flag", "decisive"]
     assert (len(found.events), found.left_out) == (MOST_EVENTS + 1, MOST_EVENTS)
 
 

@@ -49,7 +49,7 @@ def copied(recorded: Path, tmp_path: Path) -> Path:
 
 def run_of(folder: Path, name: str = FAILED) -> RunReport:
     campaign = read_campaign(folder)
-    return read_run(folder, next(one for one in campaign.entries if one.name == name), SIZE)
+    return read_run(folder, next(entry for entry in campaign.entries if entry.name == name), SIZE)
 
 
 def plot_of(run: RunReport, title: str) -> dict[str, dict[float, float]]:

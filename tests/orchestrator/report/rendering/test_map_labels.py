@@ -40,6 +40,6 @@ def test_a_name_without_a_free_place_is_left_out() -> None:
 )
 def test_no_two_names_ever_collide(given: list[tuple[str, float, float]]) -> None:
     wanted = [(name, Box(x, y, x + 10.0, y + 10.0)) for name, x, y in given]
-    boxes = [text_box(one) for one in place_names(wanted, [], AREA)]
-    assert all(one.is_within(AREA) for one in boxes)
+    boxes = [text_box(place_name) for place_name in place_names(wanted, [], AREA)]
+    assert all(box.is_within(AREA) for box in boxes)
     assert not any(a.meets(b) for a, b in itertools.combinations(boxes, 2))

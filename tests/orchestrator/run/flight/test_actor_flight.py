@@ -49,7 +49,7 @@ def test_the_intruder_touches_a_vehicle_that_does_not_evade(fly_run: Fly) -> Non
     assert track.travel(0.0, result.oracles[0].at_s or 60.0).length_m > 2.5
     phases = [one for one in log_of(folder) if one.get("vehicle") == "intruder"]
     assert phases[-1]["text"] == "intruder: down: it is disarmed" or any(
-        one.get("kind") == "disarmed" for one in phases
+        phase.get("kind") == "disarmed" for phase in phases
     )
     # Judged again from the recording alone, it is touched at the same moment.
     plan = load_campaign(
@@ -58,8 +58,8 @@ def test_the_intruder_touches_a_vehicle_that_does_not_evade(fly_run: Fly) -> Non
     ).runs[0]
     write_whole(folder / "result.json", to_json(asdict(result)))
     again = judge_run_again(plan, folder).now
-    touched = {one.name: one for one in result.oracles}["collision"]
-    assert {one.name: one for one in again.oracles}["collision"] == touched
+    touched = {oracle.name: oracle for oracle in result.oracles}["collision"]
+    assert {oracle.name: oracle for oracle in again.oracles}["collision"] == touched
     assert again.verdict == "FAIL"
 
 

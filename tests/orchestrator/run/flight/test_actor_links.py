@@ -210,7 +210,7 @@ async def test_an_attached_actor_flies_at_an_attached_vehicle_by_two_words(tmp_p
     assert (items["separation"]["outcome"], items["separation"]["by"]) == ("overridden", "A. Pilot")
     assert items["distance"]["outcome"] == "ok"
     caveats = json.loads(landed.out)["caveats"]
-    assert any("at its own position estimate" in one for one in caveats), caveats
+    assert any("at its own position estimate" in caveat for caveat in caveats), caveats
 
 
 async def test_an_abort_lands_both(tmp_path: Path) -> None:
@@ -238,7 +238,7 @@ async def test_a_silent_actor_proves_nothing_and_is_landed_when_it_is_received_a
             intruder.send_signal(signal.SIGSTOP)
             down = "real: down: it is disarmed"
             guard = program.run_folder("real") / "guard.jsonl"
-            await until(lambda: down in [one.get("text") for one in lines(guard)])
+            await until(lambda: down in [line.get("text") for line in lines(guard)])
             # For the silent one all have patience for two minutes more, which nothing disturbs.
             turn()
             landed = await program.end()
@@ -265,8 +265,8 @@ async def test_the_guard_lands_both_when_the_program_is_killed(tmp_path: Path) -
                 there.stands("real", restored=False), there.stands("intruder", restored=False)
             )
             events = lines(program.run_folder("real") / "guard.jsonl")
-        assert {"orphaned"} <= {one["event"] for one in events}
-        assert {"silence"} <= {one.get("kind") for one in events}
+        assert {"orphaned"} <= {event["event"] for event in events}
+        assert {"silence"} <= {event.get("kind") for event in events}
 
 
 async def _airborne(program: Program) -> None:
@@ -276,8 +276,9 @@ async def _airborne(program: Program) -> None:
     def flies() -> bool:
         events = lines(program.run_folder("real") / "log.jsonl")
         return any(
-            one.get("vehicle") == "intruder" and one.get("kind") in {"takeoff", "in_air", "armed"}
-            for one in events
+            event.get("vehicle") == "intruder"
+            and event.get("kind") in {"takeoff", "in_air", "armed"}
+            for event in events
         )
 
     await until(lambda: flies() or program.process.returncode is not None, 60.0)

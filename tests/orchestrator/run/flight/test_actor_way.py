@@ -79,7 +79,7 @@ def test_an_actor_that_is_too_slow_falls_further_and_further_behind() -> None:
 def test_an_actor_that_stands_where_the_path_crosses_itself_falls_behind() -> None:
     """The path comes back to its second waypoint after 6 s: only from then on that is its place."""
     corners: tuple[Vec3, ...] = ((0, 0, -1), (2, 0, -1), (4, 2, -1), (4, -2, -1), (2, 0, -1))
-    way = ActorWay(Motion(Pose.of(0, 0, 0), tuple(Waypoint(one, 1.0) for one in corners)))
+    way = ActorWay(Motion(Pose.of(0, 0, 0), tuple(Waypoint(corner, 1.0) for corner in corners)))
     found = behind(way, {t_s: at(way, min(t_s, 3.0)) for t_s in (1.0, 2.0, 3.0, 4.0, 6.0, 8.0)})
     assert found == pytest.approx([0.0, 0.0, 0.0, 1.0, 3.0, 5.0], abs=0.06)
 
@@ -87,7 +87,7 @@ def test_an_actor_that_stands_where_the_path_crosses_itself_falls_behind() -> No
 def test_an_actor_is_not_late_for_what_it_has_flown_before() -> None:
     """There and back on one line: each place of it is passed twice."""
     corners: tuple[Vec3, ...] = ((0, 0, -1), (2, 0, -1), (0, 0, -1))
-    way = ActorWay(Motion(Pose.of(0, 0, 0), tuple(Waypoint(one, 1.0) for one in corners)))
+    way = ActorWay(Motion(Pose.of(0, 0, 0), tuple(Waypoint(corner, 1.0) for corner in corners)))
     times_s = [0.1 * tick for tick in range(60)]
     found = behind(way, {t_s: at(way, max(0.0, t_s - 0.4)) for t_s in times_s})
     assert max(found) == pytest.approx(0.4, abs=0.06)

@@ -113,7 +113,9 @@ def test_a_radio_that_flaps_for_less_than_the_limit_is_flown_by(
     sets = (*LONGER, flaps(0.3, 0.6, 10), "vehicles.real.telemetry={max_gap_s: 4}")
     result, folder = fly_run(campaign, sets=sets)
     assert (result.verdict, result.reason) == ("PASS", "")
-    (link,) = [one for one in result.oracles if (one.name, one.vehicle) == ("link", "real")]
+    (link,) = [
+        oracle for oracle in result.oracles if (oracle.name, oracle.vehicle) == ("link", "real")
+    ]
     assert link.actual is not None
     assert 0.3 <= link.actual < 0.6
     # Nothing is taken for a loss, and nobody writes of each gap.

@@ -58,7 +58,7 @@ def test_a_hard_landing_fails_by_the_profile_or_by_the_campaign(tmp_path: Path) 
     fast = "vehicles.twin.params={MPC_LAND_SPEED: 1.8}"
     hard = flown(tmp_path, STILL, fast)
     assert (hard.verdict, hard.decided_by) == ("FAIL", "touchdown_always/twin")
-    (result,) = [one for one in hard.oracles if one.name == "touchdown_always"]
+    (result,) = [oracle for oracle in hard.oracles if oracle.name == "touchdown_always"]
     assert result.limit == 1.0
     assert result.actual is not None
     assert 1.3 < result.actual < 1.9

@@ -143,7 +143,7 @@ def test_the_same_seed_gives_the_same_bytes_watched_or_not_and_another_seed_othe
     stages = [one.word for one in seen if isinstance(one, EventView) and one.kind == "stage"]
     states = [one for one in seen if isinstance(one, RunView)]
     assert (images, stages[-1]) == ({"real", "twin", "mixed"}, "end")
-    assert any(one.margins and one.mixings and len(one.vehicles) == 2 for one in states)
+    assert any(state.margins and state.mixings and len(state.vehicles) == 2 for state in states)
     assert all(one != two for one, two in zip(first, other, strict=True))
 
 

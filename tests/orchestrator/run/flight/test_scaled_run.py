@@ -27,7 +27,7 @@ async def test_a_flight_at_four_times_real_time(tmp_path: Path) -> None:
     assert (summary["clock"], run["verdict"]) == ("scaled", "PASS")
     folder = program.run_folder("sim")
     assert stages(folder)[-2:] == ["landed", "end"]
-    (pace,) = [one for one in lines(folder / "guard.jsonl") if one["event"] == "paced"]
+    (pace,) = [line for line in lines(folder / "guard.jsonl") if line["event"] == "paced"]
     # A loaded machine attains less, and a starved one not even real time; the flight is as long by
     # its own clock. Who ignores the speed comes to real time, where the machine does.
     assert 0.0 < pace["times_real_time"] <= 4.1
@@ -76,12 +76,12 @@ async def test_an_orchestrator_that_is_killed_leaves_vehicles_that_land(tmp_path
     async with Program(tmp_path / "out", *PACE, *STAYING, clock="scaled") as program:
         await program.stage("goal", mode="sim")
         folder = program.run_folder("sim")
-        guard = next(one["pid"] for one in lines(folder / "guard.jsonl") if "pid" in one)
+        guard = next(line["pid"] for line in lines(folder / "guard.jsonl") if "pid" in line)
         os.killpg(program.process.pid, signal.SIGKILL)
         async with asyncio.timeout(200.0):
             while ProcessId.of(guard) is not None:  # noqa: ASYNC110 - another's process
                 await asyncio.sleep(0.05)
-    told = [one.get("text", "") for one in lines(folder / "guard.jsonl")]
+    told = [line.get("text", "") for line in lines(folder / "guard.jsonl")]
     assert "twin: down: it is disarmed" in told
 
 

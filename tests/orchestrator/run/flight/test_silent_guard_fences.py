@@ -70,7 +70,7 @@ class Rig:
         )
 
     def tell(self, kind: EventKind, text: str) -> None:
-        self.changes.take(GuardEvent(asyncio.get_running_loop().time(), kind, "", text))
+        self.changes.receive(GuardEvent(asyncio.get_running_loop().time(), kind, "", text))
 
     def ask(self) -> None:
         self.changes.ask(OperatorCommand("geofence", "anna", document=TIGHTER, command_id="a1"))

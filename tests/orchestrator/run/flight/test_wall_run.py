@@ -163,7 +163,7 @@ async def test_a_pilot_at_a_ground_station_takes_over(tmp_path: Path) -> None:
     assert run["verdict"] == "ABORTED"
     assert run["reason"] == ("the ground station 255/190 took real over by MAV_CMD_DO_SET_MODE")
     assert "landed" in stages(program.run_folder())
-    taken = [one for one in lines(program.run_folder() / "guard.jsonl") if "kind" in one]
+    taken = [line for line in lines(program.run_folder() / "guard.jsonl") if "kind" in line]
     assert next(one["text"] for one in taken if one["kind"] == "dropped") == (
         "PARAM_SET of GF_ACTION from the ground station 255/190 was not forwarded"
     )
@@ -204,5 +204,5 @@ async def test_a_slow_autonomy_fails_and_holds_nothing_up(tmp_path: Path) -> Non
     assert "slow.py:15, `time.sleep(0.2)`" in run["reason"]
     assert run["decided_by"] == "autonomy/twin"
     assert "landed" in stages(program.run_folder("sim"))
-    guarded = [one.get("kind") for one in lines(program.run_folder("sim") / "guard.jsonl")]
+    guarded = [line.get("kind") for line in lines(program.run_folder("sim") / "guard.jsonl")]
     assert "silence" not in guarded

@@ -107,7 +107,9 @@ def test_dead_reckoning_that_is_permitted_is_a_caveat(fly_run: Fly, autopilot: s
     result, folder = flown(fly_run, autopilot, partial(_without_hold, what="absolute"), permit)
     assert result.verdict == "PASS", result.reason
     assert any(one.get("kind") == "fault" for one in log_of(folder))
-    (said,) = [one for one in caveats([result]) if one.startswith("judged by dead reckoning: ")]
+    (said,) = [
+        caveat for caveat in caveats([result]) if caveat.startswith("judged by dead reckoning: ")
+    ]
     assert "twin: the estimator has lost its absolute position (POS_HORIZ_ABS)" in said
 
 
@@ -134,7 +136,7 @@ def test_a_foreign_heartbeat_is_named_and_is_no_state_of_the_vehicle(
     assert result.verdict == "PASS", result.reason
     (event,) = [one for one in log_of(folder) if one.get("kind") == "other_sender"]
     assert f"(system 2, component 1): {kind}; " in event["text"]
-    said = [one for one in caveats([result]) if f": {kind}" in one]
+    said = [caveat for caveat in caveats([result]) if f": {kind}" in caveat]
     assert len(said) == (stage == "identify")
     if said:
         assert event["t_s"] < next(

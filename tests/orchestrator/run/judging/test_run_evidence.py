@@ -213,7 +213,7 @@ def test_an_estimate_beside_a_simulator_is_not_held_to_its_velocity(
     assert (pose.source, pose.on_grid) == (source, source == "simulator")
     assert pose.references["mavlink"].position_m == 1.0
     assert pose.references["mavlink"].velocity_m_s == velocity_m_s
-    signals = [one.signal for one in signal_terms(setup, ())]
+    signals = [signal_term.signal for signal_term in signal_terms(setup, ())]
     assert signals == (["pose", "velocity"] if source == "simulator" else ["pose"])
 
 
@@ -229,7 +229,10 @@ def test_reports_are_expected_where_an_oracle_judges_them_and_as_long(tmp_path: 
     setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual"))
     pose, *reports = signal_terms(setup, build_judge(setup, {}).oracles)
     assert (pose.signal, pose.required) == ("pose", True)
-    assert [(one.signal, one.required, one.window.first, one.window.last) for one in reports] == [
+    assert [
+        (report.signal, report.required, report.window.first, report.window.last)
+        for report in reports
+    ] == [
         ("heartbeat", False, "goal", "land"),
         ("battery", True, "goal", "landed"),
     ]
@@ -242,5 +245,5 @@ def test_a_required_oracle_needs_the_poses_of_the_vehicles_that_it_watches_alone
     plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
     setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual"))
     terms = signal_terms(setup, build_judge(setup, {}).oracles)
-    needed = {one.vehicle: one.required for one in terms if one.signal == "pose"}
+    needed = {term.vehicle: term.required for term in terms if term.signal == "pose"}
     assert needed == {"real": True, "twin": False}

@@ -138,7 +138,7 @@ async def test_faults_of_both_kinds_arrive_in_the_loop() -> None:
         calls.offer(perceive, READING, "perceive")
         with pytest.raises(AutonomyFault, match="crashed: KeyError"):
             await calls.act(act)
-        assert [str(one)[:26] for one in faults] == ["crashed: ValueError: blind"]
+        assert [str(fault)[:26] for fault in faults] == ["crashed: ValueError: blind"]
 
     def check() -> None:
         raise AutonomyFault("uses too much memory", kind="ERROR")

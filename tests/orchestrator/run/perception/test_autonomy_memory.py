@@ -90,7 +90,9 @@ def test_a_run_whose_autonomy_eats_memory_fails_and_lands(
     )
     assert (result.verdict, result.reason[: len(said)]) == ("FAIL", said)
     assert "autonomy.limits.memory_mb" in result.reason
-    (landed,) = [one for one in result.oracles if (one.name, one.vehicle) == ("landed", "twin")]
+    (landed,) = [
+        oracle for oracle in result.oracles if (oracle.name, oracle.vehicle) == ("landed", "twin")
+    ]
     assert landed.verdict == "PASS"
     stages = [
         line["stage"]

@@ -109,10 +109,14 @@ def test_a_reading_waits_for_the_twins_of_its_moment() -> None:
             rig.twin(1 + k * 0.02, late_s=0.008)
 
     rig = flown(Rig, feed)
-    assert [one.skew_ms for one in rig.provenances] == [0.0] * 10
-    assert [one.latency_ms for one in rig.provenances] == pytest.approx([8.0] * 10)
-    assert [one.real_seq for one in rig.provenances] == [1000 + 20 * k for k in range(10)]
-    assert [one.twin_seq for one in rig.provenances] == [1000 + 20 * k for k in range(10)]
+    assert [provenance.skew_ms for provenance in rig.provenances] == [0.0] * 10
+    assert [provenance.latency_ms for provenance in rig.provenances] == pytest.approx([8.0] * 10)
+    assert [provenance.real_seq for provenance in rig.provenances] == [
+        1000 + 20 * k for k in range(10)
+    ]
+    assert [provenance.twin_seq for provenance in rig.provenances] == [
+        1000 + 20 * k for k in range(10)
+    ]
 
 
 def test_a_twin_that_is_ahead_or_behind_is_met_at_the_nearest_moment() -> None:
@@ -123,7 +127,7 @@ def test_a_twin_that_is_ahead_or_behind_is_met_at_the_nearest_moment() -> None:
             rig.real(1.1 + k * 0.05, late_s=0.1)
 
     rig = flown(Rig, feed)
-    assert all(one.skew_ms <= 12.5 for one in rig.provenances)
+    assert all(provenance.skew_ms <= 12.5 for provenance in rig.provenances)
     assert len(rig.provenances) == 5
 
 
@@ -134,16 +138,18 @@ def test_a_reading_waits_at_most_a_period_and_a_stale_twin_is_dropped() -> None:
             rig.real(1.0 + 0.05 * k)
 
     rig = flown(lambda: Rig("merge: {aggregate: min}, max_skew_ms: 120", period_s=0.01), feed)
-    assert [one.dropped for one in rig.provenances] == [
+    assert [provenance.dropped for provenance in rig.provenances] == [
         None,
         None,
         None,
         "stale",
         "stale",
     ]
-    assert [one.latency_ms for one in rig.provenances] == pytest.approx([0.0, 10, 10, 10, 10])
+    assert [provenance.latency_ms for provenance in rig.provenances] == pytest.approx(
+        [0.0, 10, 10, 10, 10]
+    )
     values: list[Any] = [frame.mixed.reading for _, frame in rig.frames]
-    assert [one.range_m for one in values] == [1.0, 1.0, 1.0, 2.0, 2.0]
+    assert [value.range_m for value in values] == [1.0, 1.0, 1.0, 2.0, 2.0]
     assert dict(rig.loop.mixer.counts().dropped) == {"stale": 2}
 
 
@@ -207,23 +213,27 @@ def test_a_filter_of_the_twins_sound_hears_all_of_it() -> None:
     passes = "filter: [{band_pass: {high_hz: 4000}}], merge: add"
     rig = played(1024, 512, body=passes)
     blocks: list[Any] = [frame.mixed.reading for _, frame in rig.frames]
-    assert {one.dropped for one in rig.provenances} == {None}
-    assert all(abs(one.samples - 1500).max() <= 1 for one in blocks[1:])
+    assert {provenance.dropped for provenance in rig.provenances} == {None}
+    assert all(abs(block.samples - 1500).max() <= 1 for block in blocks[1:])
     # From the second on, each begins where the last one ended.
-    times = [one.t_s for one in blocks]
+    times = [block.t_s for block in blocks]
     assert times == pytest.approx([1.0 - 200 / 16_000 + 0.064 * k for k in range(15)])
 
 
 def test_sound_of_the_twin_that_is_lost_is_counted_and_delays_nothing() -> None:
     rig = played(1024, 512, lost=range(7, 9))
-    dropped = {k: one.detail for k, one in enumerate(rig.provenances) if one.dropped}
+    dropped = {
+        k: provenance.detail for k, provenance in enumerate(rig.provenances) if provenance.dropped
+    }
     said = "the twin's sound covers 50 % of the block"
     assert dropped == {3: said, 4: said}
     assert dict(rig.loop.mixer.counts().dropped) == {"no_twin": 2}
     assert (len(rig.frames), rig.loop.statistics.replaced) == (15, 0)
     silent = played(512, 512, lost=range(10, 100))
-    assert [one.dropped for one in silent.provenances] == [None] * 10 + ["no_twin"] * 21
-    assert max(one.latency_ms for one in silent.provenances) < 120.0
+    assert [provenance.dropped for provenance in silent.provenances] == [None] * 10 + [
+        "no_twin"
+    ] * 21
+    assert max(provenance.latency_ms for provenance in silent.provenances) < 120.0
 
 
 class Slow:
@@ -392,8 +402,8 @@ def test_images_that_come_while_one_is_mixed_make_way_for_the_newest() -> None:
     # Every 100 ms, at most 33 ms old when its turn comes.
     assert len(rig.frames) + rig.loop.statistics.replaced == 30
     assert 9 <= len(rig.frames) <= 12
-    assert max(one.latency_ms for one in rig.provenances) < 201
-    assert [one.skew_ms for one in rig.provenances] == [0.0] * len(rig.provenances)
+    assert max(provenance.latency_ms for provenance in rig.provenances) < 201
+    assert [provenance.skew_ms for provenance in rig.provenances] == [0.0] * len(rig.provenances)
 
 
 def test_small_readings_that_come_in_a_burst_are_all_mixed() -> None:
@@ -406,7 +416,7 @@ def test_small_readings_that_come_in_a_burst_are_all_mixed() -> None:
     rig = flown(lambda: Rig(period_s=0.005), feed)
     assert len(rig.frames) == 20
     assert rig.loop.statistics.replaced == 0
-    assert all(one.skew_ms == pytest.approx(0.0, abs=1e-6) for one in rig.provenances)
+    assert all(provenance.skew_ms == pytest.approx(0.0, abs=1e-6) for provenance in rig.provenances)
 
 
 def test_a_picture_waits_for_the_pose_of_its_exposure() -> None:
@@ -711,7 +721,7 @@ def seen_by(publish: str, **shown: bool) -> Any:
             ObjectVisibility(name, True, 0.1, 1.0 if is_shown else 0.0, is_shown, None, 10.0, "px")
             for name, is_shown in shown.items()
         )
-        coverage.take(FrameVisibility(k * 0.2, objects))
+        coverage.observe(FrameVisibility(k * 0.2, objects))
     mixer = SimpleNamespace(
         publish=(publish,), combination=SimpleNamespace(budget=Budget(max_skew_s=0.02))
     )

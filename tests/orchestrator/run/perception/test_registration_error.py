@@ -191,7 +191,7 @@ def test_a_live_picture_of_the_twin_is_of_the_twins_own_place(scene: Scene) -> N
     twin = scene.setup.vehicle("twin")
     source = SourceSetup(kind="rtp", address="rtp://127.0.0.1:5602")
     seeing = replace(twin, sensors=(replace(twin.cameras[0], source=source),))
-    others = tuple(one for one in scene.setup.vehicles if one.name != "twin")
+    others = tuple(vehicle for vehicle in scene.setup.vehicles if vehicle.name != "twin")
     scene.setup = replace(scene.setup, vehicles=(*others, seeing))
     picture = replace(scene.drawn(0.5), camera_pose=None)
     beside = within(scene.registration()(picture, 0.5))
@@ -216,7 +216,7 @@ def test_a_simulators_ground_truth_is_no_reference_for_what_it_has_drawn_itself(
         scene.real.truth.add(k / 100, Pose((0.0, k / 100, -0.5)))
     given = scene.setup.vehicle("real")
     real = replace(given, pose_source=pose_source, link=link, accuracy_given=True)
-    others = tuple(one for one in scene.setup.vehicles if one.name != "real")
+    others = tuple(vehicle for vehicle in scene.setup.vehicles if vehicle.name != "real")
     scene.setup = replace(scene.setup, vehicles=(real, *others))
     found = scene.registration()(scene.drawn(0.5), 0.5)
     if has_reference:
@@ -236,7 +236,7 @@ class Driven:
 def by_its_estimate(scene: Scene, autopilot: str, newest: ReportedAccuracy | None) -> None:
     """Judge the real vehicle by its estimate, whose accuracy the campaign does not state."""
     real = replace(scene.setup.vehicle("real"), pose_source="mavlink", accuracy_given=False)
-    others = tuple(one for one in scene.setup.vehicles if one.name != "real")
+    others = tuple(vehicle for vehicle in scene.setup.vehicles if vehicle.name != "real")
     scene.setup = replace(scene.setup, vehicles=(real, *others))
     scene.real.driver = Driven(autopilot, newest)
 
@@ -270,6 +270,6 @@ def test_an_estimate_without_a_covariance_has_no_bound_but_a_reason(
 def test_an_accuracy_that_the_campaign_states_is_used(scene: Scene) -> None:
     by_its_estimate(scene, "ardupilot", None)
     real = replace(scene.setup.vehicle("real"), accuracy_given=True)
-    others = tuple(one for one in scene.setup.vehicles if one.name != "real")
+    others = tuple(vehicle for vehicle in scene.setup.vehicles if vehicle.name != "real")
     scene.setup = replace(scene.setup, vehicles=(real, *others))
     assert within(scene.registration()(scene.drawn(0.5), 0.5)) > 0.0

@@ -89,7 +89,7 @@ def test_readings_of_a_vehicle_known_by_telemetry_are_of_the_pose_at_their_stamp
             asyncio.get_running_loop().call_at(t_s + latency_s, partial(listener, sample))
 
     readings = run_virtual(sensed(factory, setup, telemetry))
-    errors_m = [abs(one.range_m - NORTH_M_S * one.t_s) for one in readings]
+    errors_m = [abs(reading.range_m - NORTH_M_S * reading.t_s) for reading in readings]
     assert len(errors_m) > 50
     assert max(errors_m) < 0.01
 

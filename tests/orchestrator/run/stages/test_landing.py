@@ -73,7 +73,9 @@ class Guard:
 
 def flown_pair(guard: Guard, *, armed: tuple[bool, ...]) -> Any:
     drivers = [SimpleNamespace(state=SimpleNamespace(armed=one)) for one in armed]
-    return SimpleNamespace(guard=guard, contexts=[SimpleNamespace(driver=one) for one in drivers])
+    return SimpleNamespace(
+        guard=guard, contexts=[SimpleNamespace(driver=driver) for driver in drivers]
+    )
 
 
 @pytest.mark.parametrize(

@@ -142,8 +142,8 @@ def test_the_operator_may_abort_during_a_hold(fly_run: Fly) -> None:
 def test_a_log_that_ends_during_a_hold_leaves_the_rest_to_the_operator() -> None:
     run_state = RunState(time=lambda: 1.0)
     hold = OperatorHold(run_state=run_state)
-    hold.take(GuardEvent(1.0, "hold", "", "anna: hold"))
-    hold.take(GuardEvent(2.0, "record", "real", "the recording ended early"))
+    hold.receive(GuardEvent(1.0, "hold", "", "anna: hold"))
+    hold.receive(GuardEvent(2.0, "record", "real", "the recording ended early"))
     assert run_state.held
-    hold.take(GuardEvent(3.0, "resume", "", "anna: resume"))
+    hold.receive(GuardEvent(3.0, "resume", "", "anna: resume"))
     assert not run_state.held

@@ -24,7 +24,7 @@ def flies_at(factor: float) -> Any:
     """Return a disturbance by which the twin flies its velocity setpoints so many times as fast."""
 
     def disturb(pair: Pair, run_state: RunState) -> None:
-        driver: Any = next(one.driver for one in pair.contexts if one.name == "twin")
+        driver: Any = next(context.driver for context in pair.contexts if context.name == "twin")
         send = driver.send
 
         def scaled(setpoint: Setpoint) -> None:
@@ -73,7 +73,9 @@ def test_a_twin_beyond_the_bound_is_invalid_and_the_flight_goes_on(fly_run: Fly)
     assert result.verdict == "INVALID"
     assert result.reason.startswith("real and twin were 0.3")
     assert "sync.max_twin_distance_m is 0.3 m" in result.reason
-    reached = next(one for one in result.oracles if (one.name, one.vehicle) == ("reached", "real"))
+    reached = next(
+        oracle for oracle in result.oracles if (oracle.name, oracle.vehicle) == ("reached", "real")
+    )
     assert reached.verdict == "PASS"
     assert not any(line.get("word") == "bring_down" for line in log_of(folder))
     assert all_landed(folder)
@@ -88,7 +90,7 @@ def test_a_twin_that_leaves_its_fence_lands_alone(fly_run: Fly) -> None:
     assert all_landed(folder)
     # The guard's landing of the twin, mid-flight for the other, is no collision of the twin's.
     left_s = result.twin.dropped_out.at_s
-    of_twin = [one for one in result.oracles if one.vehicle == "twin"]
+    of_twin = [oracle for oracle in result.oracles if oracle.vehicle == "twin"]
     assert not any("cage.floor" in one.detail for one in of_twin)
     assert all((one.at_s or 0.0) <= left_s for one in of_twin)
     assert all(f"dropped out at {left_s:.2f} s" in one.detail for one in of_twin)

@@ -29,5 +29,5 @@ def test_vehicles_in_processes_of_their_own_get_it(tmp_path: Path) -> None:
     setup = RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="wall"))
     guard: Any = SimpleNamespace(port=lambda _: 14550)
     backend = SubprocessBackend(setup, guard, {})
-    sent = {one.name: backend._settings(one).config().physics for one in setup.vehicles}
+    sent = {vehicle.name: backend._settings(vehicle).config().physics for vehicle in setup.vehicles}
     assert sent == {"real": "jsbsim", "twin": "compiled"}

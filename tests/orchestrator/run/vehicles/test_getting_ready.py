@@ -118,7 +118,7 @@ def test_the_vehicle_that_was_ready_first_is_asked_again_when_all_are(monkeypatc
             goal=goal,
             arm=False,
         )
-        assert [(one.step, one.text) for one in before_arming.steps] == [
+        assert [(step.step, step.text) for step in before_arming.steps] == [
             ("external", "proven"),
             ("preflight", "preflight"),
         ]

@@ -61,7 +61,10 @@ async def test_a_run_goes_on_without_its_twin_and_never_without_its_real_vehicle
     assert setup.companion == "twin"
     link = TappedLink(memory_pair()[0])
     contexts = [pair._vehicle_context(setup, one, link) for one in setup.guarded]
-    assert [(one.name, one.may_drop_out) for one in contexts] == [("real", False), ("twin", True)]
+    assert [(context.name, context.may_drop_out) for context in contexts] == [
+        ("real", False),
+        ("twin", True),
+    ]
 
 
 def test_the_preflight_waits_for_a_vehicle_s_first_pose() -> None:

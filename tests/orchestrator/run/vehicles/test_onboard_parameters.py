@@ -143,7 +143,7 @@ def test_parameters_that_the_campaign_sets_are_set_back(
         assert (parameters.text, parameters.restored) == (f"{name} 5 (was {before:g})", None)
         assert (fence.step, fence.text) == ("fence", "none uploaded: preflight.fence is null")
         await onboard.restore(at_rest={"real"})
-        assert [one.restored for one in rig.record.steps] == [True, True]
+        assert [step.restored for step in rig.record.steps] == [True, True]
         assert rig.has(name) == before
         assert list(parameter_backup_folder().iterdir()) == []
         assert rig.decided == []
@@ -294,7 +294,7 @@ def test_a_vehicle_that_may_still_be_in_the_air_is_restored_by_the_next_start(
         await onboard.restore(at_rest=())
         assert {each: rig.has(each) for each in before} == flown
         assert rig.fence_areas() == 1
-        assert [one.restored for one in rig.record.steps] == [False, False]
+        assert [step.restored for step in rig.record.steps] == [False, False]
         ((kind, text),) = rig.decided
         assert kind == "ERROR"
         assert text.startswith(
@@ -318,7 +318,7 @@ def test_a_vehicle_that_may_be_in_the_air_and_was_not_changed_has_its_own() -> N
         onboard = rig.onboard()
         await onboard.apply(rig.context)
         await onboard.restore(at_rest=())
-        assert [one.restored for one in rig.record.steps] == [True, True]
+        assert [step.restored for step in rig.record.steps] == [True, True]
         assert rig.decided == []
 
     with_vehicle("px4", script, params={})

@@ -71,16 +71,19 @@ def test_steps_before_arming_are_recorded_in_their_order(fly_run: Fly) -> None:
     result, folder = fly_run(sets=BRIEF)
     steps = result.before_arming
     of_each = [("parameters", "real"), ("fence", "real"), ("parameters", "twin"), ("fence", "twin")]
-    assert sorted((one.step, one.vehicle) for one in steps[:4]) == sorted(of_each)
+    assert sorted((step.step, step.vehicle) for step in steps[:4]) == sorted(of_each)
     for vehicle in ("real", "twin"):
-        order = [one.step for one in steps if one.vehicle == vehicle]
+        order = [step.step for step in steps if step.vehicle == vehicle]
         assert order == ["parameters", "fence"]
-    assert [(one.step, one.vehicle) for one in steps[4:]] == [("external", ""), ("preflight", "")]
-    assert {one.ok for one in steps} == {True}
-    assert {one.restored for one in steps} == {None}  # they end with the run
-    assert [one.at_s for one in steps] == sorted(one.at_s for one in steps)
+    assert [(step.step, step.vehicle) for step in steps[4:]] == [
+        ("external", ""),
+        ("preflight", ""),
+    ]
+    assert {step.ok for step in steps} == {True}
+    assert {step.restored for step in steps} == {None}  # they end with the run
+    assert [step.at_s for step in steps] == sorted(step.at_s for step in steps)
     assert steps[-1].text == f"{len(result.preflight)} checks"
-    assert "RTL_RETURN_ALT 1.725" in next(one.text for one in steps if one.step == "parameters")
+    assert "RTL_RETURN_ALT 1.725" in next(step.text for step in steps if step.step == "parameters")
     noted = [line for line in log_of(folder) if line.get("event") == "before_arming"]
     assert [(line["step"], line["text"]) for line in noted] == [(o.step, o.text) for o in steps]
 

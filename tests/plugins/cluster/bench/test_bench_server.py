@@ -102,7 +102,7 @@ def test_a_damaged_message_ends_bench_serve_in_plain_words(
     assert "bench hall-a: a message of the cluster is damaged" in said
     assert "start `bench serve` again" in said
     assert "Traceback" not in said
-    assert [one.closed.is_set() for one in nodes] == [True]
+    assert [node.closed.is_set() for node in nodes] == [True]
 
 
 class Saying:

@@ -154,14 +154,16 @@ def test_poses_are_transforms_and_odometry_in_the_frames_of_ros(tmp_path: Path) 
     record(tmp_path, mixed=frozenset({"camera"}))
     assert export(tmp_path, tmp_path / "flight.mcap") == 0
     messages = decoded(tmp_path / "flight.mcap")
-    moving = [one for message in messages["/tf"] for one in message.transforms]
+    moving = [transform for message in messages["/tf"] for transform in message.transforms]
     frames = Counter((one.header.frame_id, one.child_frame_id) for one in moving)
     assert frames == {("odom", "base_link"): 2, ("map", "twin/base_link"): 2}
     place = moving[0].transform.translation
     assert (place.x, place.y, place.z) == (2.0, 1.0, 3.0)  # east, north, up
     assert len(messages["/odom"]) == len(messages["/pose"]) == 2
     assert messages["/odom"][0].twist.twist.linear.x == pytest.approx(1.0)  # ahead: north
-    fixed = {one.child_frame_id: one for one in messages["/tf_static"][-1].transforms}
+    fixed = {
+        transform.child_frame_id: transform for transform in messages["/tf_static"][-1].transforms
+    }
     assert fixed["odom"].header.frame_id == "map"
     assert fixed["camera_optical"].transform.translation.x == pytest.approx(0.1)
     assert messages["/camera/camera_info"][0].header.frame_id == "camera_optical"

@@ -81,7 +81,10 @@ def test_every_topic_of_a_sensor_has_a_message_of_its_type(
     types = ros_types(distribution)
     made = dict(reading_messages(reading, RosMessages(types), STAMP_NS, compressed=True))
     kind = sensor_type_of(reading)
-    topics = {one.name: one.type for one in sensor_topics(reading.sensor, kind, compressed=True)}
+    topics = {
+        sensor_topic.name: sensor_topic.type
+        for sensor_topic in sensor_topics(reading.sensor, kind, compressed=True)
+    }
     assert set(made) == set(topics)
     for topic, name in topics.items():
         message = types.deserialize(made[topic](), name)
@@ -145,7 +148,7 @@ def test_beams_of_a_scan_turn_to_the_left() -> None:
 def test_points_are_forward_left_up() -> None:
     points = LidarPointsReading(1.0, 1.0, 0, "mixed", CLOUD)
     message = read(MAKE.points(points, STAMP_NS, "lidar"), POINTS)
-    assert [(one.name, one.offset, one.datatype) for one in message.fields] == [
+    assert [(field.name, field.offset, field.datatype) for field in message.fields] == [
         ("x", 0, 7),
         ("y", 4, 7),
         ("z", 8, 7),

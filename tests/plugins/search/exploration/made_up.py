@@ -25,7 +25,7 @@ def plane(*, constraints: tuple[str, ...] = (), **more: Any) -> Space:
         Parameter(name=name, keys=(f"world.{name}_m",), low=-1.0, high=1.0, own=0.0, unit="m")
         for name in ("x", "y", *more)
     )
-    kinds = {one.name: SignalKind("m", "") for one in parameters}
+    kinds = {parameter.name: SignalKind("m", "") for parameter in parameters}
     return Space(
         parameters=parameters,
         constraints=tuple(parse_constraint(text, kinds) for text in constraints),

@@ -43,8 +43,8 @@ def test_tpe_finds_a_corner_confirms_it_and_takes_the_keys_out_that_do_not_matte
     assert 0.5 <= number(case.reduced.values, "y") <= 0.5 + 1 / 16
     assert case.is_reduced
     assert findings.ended == SPENT
-    assert [one.number for one in batches] == list(range(1, len(batches) + 1))
-    flown = sum(len(one.flights) for one in batches)
+    assert [batch.number for batch in batches] == list(range(1, len(batches) + 1))
+    flown = sum(len(batch.flights) for batch in batches)
     assert flown == sum(cost.flights for cost in findings.costs.values()) <= most_flights(given)
 
 
@@ -148,7 +148,7 @@ def test_a_variant_that_is_refused_or_shows_nothing_gives_the_strategy_no_value(
     strategy = Recorded(space)
     search = Search(problem(space, budget={"sim": 12}, refuse=refuse, at_once=3), strategy)
     batches = drive(search, lambda batch: fly(space, batch, answer))
-    flown = [one.variant.values for batch in batches for one in batch.flights]
+    flown = [flight.variant.values for batch in batches for flight in batch.flights]
     assert all(number(values, "x") >= 0.0 for values in flown)
     assert len(search.findings.tried) == 12
     assert {why for _, why in search.findings.refused} == {"starts inside 'gate'"}
@@ -163,7 +163,7 @@ def test_a_flight_that_came_near_nothing_is_as_good_as_the_best() -> None:
 
     def fly_far(batch: Batch) -> list[FlightOutcome]:
         """Above 0 nothing is near, and a margin is unknown; below it is what x says."""
-        xs = [number(one.variant.values, "x") for one in batch.flights]
+        xs = [number(flight.variant.values, "x") for flight in batch.flights]
         return [FlightOutcome(verdict="PASS", value=None if x > 0.0 else 1.0 + x) for x in xs]
 
     strategy = Recorded(space)
@@ -199,7 +199,7 @@ def test_a_failure_that_does_not_come_back_under_other_seeds_is_refuted() -> Non
     assert findings.cases
     assert not findings.confirmed
     assert {one.standing for one in findings.cases} == {"refuted"}
-    assert "reduce" not in {one.purpose for one in batches}
+    assert "reduce" not in {batch.purpose for batch in batches}
 
 
 def test_a_failure_that_comes_back_seldom_is_intermittent_and_stays_open() -> None:
@@ -214,21 +214,23 @@ def test_a_failure_that_comes_back_seldom_is_intermittent_and_stays_open() -> No
     ] * 2
     assert not findings.confirmed
     assert {one.variant.name for one in findings.cases} <= {
-        one.variant.name for one in findings.open_failures
+        open_failure.variant.name for open_failure in findings.open_failures
     }
-    assert "reduce" not in {one.purpose for one in batches}
+    assert "reduce" not in {batch.purpose for batch in batches}
 
 
 def test_confirming_flights_have_seeds_of_their_own_and_reducing_ones_the_same() -> None:
     given = problem(plane(), budget={"sim": 60}, confirm_most=1)
     findings, batches = searched(given, corner)
     (case,) = findings.cases
-    explored = {f.seed_name for one in batches if one.purpose == "explore" for f in one.flights}
+    explored = {
+        f.seed_name for batch in batches if batch.purpose == "explore" for f in batch.flights
+    }
     seeds = {
         purpose: {
-            tuple((f.seed_name, f.repetition) for f in one.flights)
-            for one in batches
-            if one.purpose == purpose
+            tuple((f.seed_name, f.repetition) for f in batch.flights)
+            for batch in batches
+            if batch.purpose == purpose
         }
         for purpose in ("confirm", "reduce")
     }
@@ -246,8 +248,8 @@ def test_a_smaller_variant_that_fails_by_something_else_is_not_the_same_failure(
     drive(
         search,
         lambda batch: [
-            FlightOutcome(verdict="FAIL", value=0.0, cause=_cause(one.variant.values))
-            for one in batch.flights
+            FlightOutcome(verdict="FAIL", value=0.0, cause=_cause(flight.variant.values))
+            for flight in batch.flights
         ],
     )
     (case,) = search.findings.confirmed
@@ -303,7 +305,7 @@ def test_a_failure_in_the_cheaper_mode_is_open_until_the_dearer_mode_answers(
     """Of four failures in sim the budget of wil takes two: the others are never answered."""
     given = problem(plane(), budget={"sim": 4, "wil": 2}, reduce_flights=0)
     found, _ = searched(given, lambda _, mode, __: -0.5 if mode == "sim" else in_wil)
-    open_names = {one.variant.name for one in found.open_failures}
+    open_names = {open_failure.variant.name for open_failure in found.open_failures}
     answered = {one.variant.name for one in found.tried if "wil" in one.outcomes}
     assert (len(open_names), len(answered)) == (4 if is_open else 2, 2)
     assert answered.isdisjoint(open_names) != is_open
@@ -382,11 +384,11 @@ def test_a_variant_that_fails_each_time_by_changing_causes_is_confirmed() -> Non
             FlightOutcome(
                 verdict="FAIL",
                 value=0.0,
-                cause=changing[one.repetition - 1]
-                if batch.purpose != "reduce" or one.variant.values == {"x": 1.0}
+                cause=changing[flight.repetition - 1]
+                if batch.purpose != "reduce" or flight.variant.values == {"x": 1.0}
                 else "reached/twin",
             )
-            for one in batch.flights
+            for flight in batch.flights
         ]
 
     search = Search(

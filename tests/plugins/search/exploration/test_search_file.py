@@ -63,7 +63,7 @@ def test_a_wrong_search_is_refused_with_the_place(
     line, column = head + before.count("\n") + 1, len(before.rpartition("\n")[2]) + 1
     with pytest.raises(BadInput) as caught:
         load_search(path)
-    found = [(one.line, one.column, one.headline) for one in caught.value.problems]
+    found = [(problem.line, problem.column, problem.headline) for problem in caught.value.problems]
     near = [text for at, col, text in found if at == line and said in text]
     assert near, found
     is_text = "constraints: ['" in new
@@ -132,7 +132,9 @@ def test_a_parameter_knows_its_unit_and_the_campaigns_own_value(tmp_path: Path) 
 
 def test_the_gate_of_the_shipped_search_cannot_stand_outside_of_the_fence() -> None:
     search = load_search(SHIPPED / "search-gate.yaml")
-    assert [(one.name, one.unit, one.own) for one in search.space.parameters] == [
+    assert [
+        (parameter.name, parameter.unit, parameter.own) for parameter in search.space.parameters
+    ] == [
         ("aside", "m", 1.1),
         ("turned", "deg", 0),
         ("size", "m", 1.0),

@@ -46,9 +46,9 @@ def test_cells_count_flights_and_those_that_failed() -> None:
 def test_the_last_new_reading_or_cell_is_known_by_its_flight() -> None:
     first = seen((0, 1), reduced=("11",))
     flights = [first, first, seen((0, 1), reduced=("11", "12")), first, seen((2, 1))]
-    assert sensed_coverage((((one,), False)) for one in flights[:2])[0].newest == 1
-    assert sensed_coverage((((one,), False)) for one in flights[:4])[0].newest == 3
-    (one,) = sensed_coverage((((one,), False)) for one in flights)
+    assert sensed_coverage((((flight,), False)) for flight in flights[:2])[0].newest == 1
+    assert sensed_coverage((((flight,), False)) for flight in flights[:4])[0].newest == 3
+    (one,) = sensed_coverage((((flight,), False)) for flight in flights)
     assert (one.newest, one.reduced) == (5, 2)
 
 

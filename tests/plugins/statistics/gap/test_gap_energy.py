@@ -36,7 +36,9 @@ def gap_of(real: Sequence[float], sim: Sequence[float], wil: Sequence[float]) ->
 
 
 def energy_in(gap: Gap, measure: str = "dtw", case: str = "a") -> EnergyFigure:
-    return next(one for one in gap.energies if (one.measure, one.case) == (measure, case))
+    return next(
+        energy for energy in gap.energies if (energy.measure, energy.case) == (measure, case)
+    )
 
 
 def by_definition(
@@ -71,7 +73,7 @@ def test_the_distance_is_that_of_its_definition(measure: str) -> None:
 def test_a_mode_without_spread_in_the_middle_is_nearer_by_its_mean_and_not_by_energy() -> None:
     wide = [-0.4, -0.2, 0.0, 0.2, 0.4]
     gap = gap_of(real=wide, sim=[0.0] * 5, wil=wide)
-    mean = next(one for one in gap.figures if one.measure == "dtw")
+    mean = next(figure for figure in gap.figures if figure.measure == "dtw")
     assert mean.nearer_by is not None
     assert mean.nearer_by < 0.0
     found = energy_in(gap)

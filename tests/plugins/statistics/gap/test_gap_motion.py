@@ -15,7 +15,9 @@ RUN = "large/real/1"
 
 @pytest.fixture
 def flown(tmp_path: Path) -> Path:
-    given = [one for mode in ("real", "wil") for one in flights("large", mode, "PP", (0.0, 0.1))]
+    given = [
+        flight for mode in ("real", "wil") for flight in flights("large", mode, "PP", (0.0, 0.1))
+    ]
     return write_flown(tmp_path / "gate", given)
 
 

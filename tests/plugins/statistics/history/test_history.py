@@ -229,7 +229,7 @@ def test_a_campaign_that_did_not_come_to_its_end_is_named(tmp_path: Path, capsys
     shutil.rmtree(tmp_path / "results")
     flown(tmp_path, 3, "PPP", broken=None)
     lines = keep.read_text().splitlines()
-    old = {key: one for key, one in json.loads(lines[-1]).items() if key != "ending"}
+    old = {key: load for key, load in json.loads(lines[-1]).items() if key != "ending"}
     keep.write_text("\n".join([*lines[:3], json.dumps(old)]) + "\n")
     assert main(command) == 0
     text = capsys.readouterr().out

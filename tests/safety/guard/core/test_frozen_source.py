@@ -161,7 +161,7 @@ def test_a_source_that_repeats_the_ground_while_its_vehicle_climbs_is_frozen(
 
     fly(pair, 7.0, each)
     assert pair.kinds() == ["pose", "fence"]
-    assert next(one.t_s for one in pair.events if one.kind == "pose") < 3.0
+    assert next(event.t_s for event in pair.events if event.kind == "pose") < 3.0
 
 
 def below(fake_vehicle: Any, rig: Any, *, rises_m: float = 0.0) -> list[str]:

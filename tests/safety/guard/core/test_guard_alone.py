@@ -60,7 +60,7 @@ def test_the_other_stays_in_command_of_the_orchestrator(pair: Any, trouble: Any)
     pair.fly(6.0)
     assert pair.core.latched is None
     assert pair.kinds() == ["alone"]
-    assert decisive(next(one for one in pair.events if one.kind == "alone")) is None
+    assert decisive(next(event for event in pair.events if event.kind == "alone")) is None
     assert passes(pair, "real", 1)
     assert not passes(pair, "twin", 2)
     assert pair.core.phases["real"] is Phase.IDLE

@@ -240,7 +240,9 @@ def test_a_message_is_applied_at_its_time_and_reported_in_its_words(
 ) -> None:
     at_s = pair.t_s + 0.01
     outputs = pair.core.apply(message, at_s)
-    events = [one for one in outputs if isinstance(one, GuardEvent) and one.kind != "action"]
+    events = [
+        output for output in outputs if isinstance(output, GuardEvent) and output.kind != "action"
+    ]
     assert events == [GuardEvent(at_s, kind, vehicle, text)]
 
 

@@ -281,7 +281,7 @@ def test_each_spell_of_limiting_is_reported_at_its_begin_and_end() -> None:
         if step < 20:
             asked = 2.0 + 0.1 * step
             outputs = core.from_orchestrator("real", velocity_frame(Px4(), (asked, 0.0, 0.0)), t_s)
-            events += [one for one in outputs if isinstance(one, GuardEvent)]
+            events += [output for output in outputs if isinstance(output, GuardEvent)]
         events += [one for one in core.tick(t_s) if isinstance(one, GuardEvent)]
     assert [(event.kind, event.vehicle, event.text) for event in events] == [
         ("limited", "real", "real: speed limited from 2.00 to 1.00 m/s"),

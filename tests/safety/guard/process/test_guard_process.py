@@ -102,7 +102,7 @@ async def test_frames_pass_both_ways_and_are_logged(folder: Path) -> None:
         name, t_s, _ = flight.wire[-1]
         assert name in {"real", "twin"}
         assert began_s <= t_s <= asyncio.get_running_loop().time()
-        (opened,) = [one for one in log_lines(folder) if one["event"] == "opened"]
+        (opened,) = [log_line for log_line in log_lines(folder) if log_line["event"] == "opened"]
         assert (opened["scheduling"], opened["in_memory"]) == granted_to_guard()
         is_first = os.sched_getscheduler(flight.guard.pid) & 7 == RR
         assert is_first == (opened["scheduling"] == "real-time")
@@ -195,7 +195,7 @@ async def test_the_guard_lands_both_after_a_stop_of_the_orchestrator(folder: Pat
     # It may be so for ever: guard and vehicles do not stay for it.
     await until(lambda: all(gone(pid) for pid in pids.values()))
     assert ProcessId.of(program.pid) is not None
-    assert "orphaned" in [one["event"] for one in log_lines(folder)]
+    assert "orphaned" in [log_line["event"] for log_line in log_lines(folder)]
     program.kill()
     await program.wait()
 
@@ -311,7 +311,7 @@ async def test_a_log_that_cannot_be_written_is_an_error_and_the_guard_goes_on(fo
         resource.prlimit(flight.guard.pid, resource.RLIMIT_FSIZE, (64, 64))
         await until(lambda: set(flight.kinds()) == {"record"} and len(flight.kinds()) == 2)
         assert flight.guard.phases == {"real": Phase.IDLE, "twin": Phase.IDLE}
-        decided = [decisive(one) for one in flight.guard.events if one.kind == "record"]
+        decided = [decisive(event) for event in flight.guard.events if event.kind == "record"]
         assert {(one.kind, one.source) for one in decided if one is not None} == {
             ("ERROR", "guard.record/real"),
             ("ERROR", "guard.record/twin"),
@@ -340,8 +340,8 @@ async def test_a_disk_that_stands_still_delays_no_abort(folder: Path) -> None:
         os.set_blocking(end, True)
         written = asyncio.create_task(asyncio.to_thread(read_to_end, end))
     events = [json.loads(line) for line in (await written).splitlines()]
-    assert len([one for one in events if one["event"] == "refused"]) == 100
-    assert "aborted by anna" in [one["text"] for one in events if one.get("kind") == "abort"]
+    assert len([event for event in events if event["event"] == "refused"]) == 100
+    assert "aborted by anna" in [event["text"] for event in events if event.get("kind") == "abort"]
     assert events[-1]["event"] == "end"
 
 

@@ -78,7 +78,7 @@ def test_a_vehicle_that_hangs_is_reported_once_and_waited_for_no_more() -> None:
         assert wall.end_s - gone_s > 100 * LEAD_S
         assert len(wall.troubles) == 1
         wall.steps(STALL_S + 1.0, twin=1.0, real=1.0)
-        assert [one.vehicle for one in wall.troubles] == ["twin", "real"]
+        assert [trouble.vehicle for trouble in wall.troubles] == ["twin", "real"]
 
     led(test)
 

@@ -90,7 +90,7 @@ def test_a_flight_is_found_where_it_began(usual: Path, other: Path, tmp_path: Pa
     with record:
         assert record.passed_over[0].endswith(f"; {other} is used")
         usual.rmdir()
-        assert [one.name for one in places().campaigns] == ["gate"]
+        assert [campaign.name for campaign in places().campaigns] == ["gate"]
         assert record.socket.parent == other
         assert runtime_folders() == (other,)
 

@@ -58,11 +58,11 @@ def test_two_threads_write_at_the_same_time(
     with ThreadPoolExecutor(2) as threads:
         writing = [threads.submit(CrashSafeFile.write, tmp_path, SUFFIX, {"a": k}) for k in (1, 2)]
         files = [each.result() for each in writing]
-    assert [json.loads(one.path.read_text()) for one in files] == [{"a": 1}, {"a": 2}]
+    assert [json.loads(file.path.read_text()) for file in files] == [{"a": 1}, {"a": 2}]
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == [f"000001{SUFFIX}", f"000002{SUFFIX}"]
-    for one in files:
-        one.close()
+    for file in files:
+        file.close()
 
 
 def test_a_file_removed_twice_leaves_another_that_has_its_number_by_now(tmp_path: Path) -> None:

@@ -101,7 +101,7 @@ def test_a_fence_of_a_campaign_is_no_reason_to_announce_anything() -> None:
 
 
 def test_a_text_fits_into_one_message() -> None:
-    names = [name for one in AUTOPILOTS for name in unused_parameters(one)]
+    names = [name for autopilot in AUTOPILOTS for name in unused_parameters(autopilot)]
     assert max(len(f"{name} has no effect in this emulation") for name in names) <= 50
 
 

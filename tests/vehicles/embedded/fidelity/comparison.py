@@ -39,7 +39,9 @@ def load_flights() -> list[Series]:
 
 def scatter(flights: list[Series]) -> dict[str, list[float]]:
     """Return of each segment how far (m, RMS) each flight is from the others: the medians."""
-    apart = [[distances(one, other) for other in flights if other is not one] for one in flights]
+    apart = [
+        [distances(flight, other) for other in flights if other is not flight] for flight in flights
+    ]
     return {
         segment: [median(each[segment] for each in row) for row in apart] for segment in flights[0]
     }

@@ -41,7 +41,7 @@ def fly_steps(
         )
         trace = EventTrace(autopilot=autopilot_named(autopilot), target=Target(1))
         link = TappedLink(far)
-        link.tap(trace.take)
+        link.tap(trace.receive)
         driver = Driver(name=autopilot, link=link, max_clock_drift=0.02)
         async with EmbeddedVehicle(config=config, link=near, seed=seed), driver:
             await driver.identify(10.0)

@@ -333,7 +333,7 @@ def test_motion_capture_is_noisy_and_late() -> None:
     pose = Pose.of(1.0, 2.0, 3.0, yaw_rad=0.4)
     truths = [TruthSample(0.01 * k, pose, (0, 0, 0), False, False) for k in range(2000)]
     for truth in truths:
-        feed.take(truth)
+        feed.receive(truth)
     feed.deliver(0.005)
     assert readings == []
     feed.deliver(100.0)

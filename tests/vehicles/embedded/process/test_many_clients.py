@@ -145,7 +145,7 @@ async def test_two_vehicles_at_one_port_of_a_client_are_distinguished() -> None:
                 link.write(question(codec, number))
 
         def answered() -> set[int]:
-            return {one.get_srcSystem() for one in messages if is_answer(one)}
+            return {message.get_srcSystem() for message in messages if is_answer(message)}
 
         await until(lambda: answered() == {1, 2}, ask)
 

@@ -136,15 +136,15 @@ def gps(t_s: float, north_m: float = 0.0) -> GpsReading:
 
 def test_readings_that_stay_while_the_vehicle_moves_are_frozen() -> None:
     frozen = FrozenReadings()
-    said = [frozen.take(gps(0.1 * k), at(0.1 * k)) for k in range(12)]
+    said = [frozen.receive(gps(0.1 * k), at(0.1 * k)) for k in range(12)]
     assert said[:9] == [None] * 9
     assert "the sensor is frozen" in str(said[9])
-    assert frozen.take(gps(2.0, north_m=1.0), at(1.2)) is None
+    assert frozen.receive(gps(2.0, north_m=1.0), at(1.2)) is None
 
 
 def test_readings_of_a_vehicle_that_hovers_may_stay() -> None:
     frozen = FrozenReadings()
-    assert all(frozen.take(gps(0.1 * k), at(0.02 * (k % 2))) is None for k in range(50))
+    assert all(frozen.receive(gps(0.1 * k), at(0.02 * (k % 2))) is None for k in range(50))
 
 
 def test_a_floor_is_equally_far_and_a_wall_is_not() -> None:
@@ -153,17 +153,19 @@ def test_a_floor_is_equally_far_and_a_wall_is_not() -> None:
     )
     over, into = FrozenReadings(), FrozenReadings()
     ahead = replace(down, mount=Pose((0.0, 0.0, 0.0)))
-    assert all(over.take(replace(down, t_s=0.1 * k), at(0.1 * k)) is None for k in range(50))
-    assert any(into.take(replace(ahead, t_s=0.1 * k), at(0.1 * k)) for k in range(50))
+    assert all(over.receive(replace(down, t_s=0.1 * k), at(0.1 * k)) is None for k in range(50))
+    assert any(into.receive(replace(ahead, t_s=0.1 * k), at(0.1 * k)) for k in range(50))
     climbing = FrozenReadings()
-    assert any(climbing.take(replace(down, t_s=0.1 * k), at(0.0, 0.1 * k)) for k in range(50))
+    assert any(climbing.receive(replace(down, t_s=0.1 * k), at(0.0, 0.1 * k)) for k in range(50))
 
 
 def test_walls_are_equally_far_from_any_height() -> None:
     scan = LidarScanReading(0.0, 0.0, 0, "real", np.full(8, 2.0, np.float32), -3.0, 0.75, 0.1, 12.0)
     climbing, going = FrozenReadings(), FrozenReadings()
-    assert not any(climbing.take(replace(scan, t_s=0.1 * k), at(0.0, 0.1 * k)) for k in range(50))
-    assert any(going.take(replace(scan, t_s=0.1 * k), at(0.1 * k)) for k in range(50))
+    assert not any(
+        climbing.receive(replace(scan, t_s=0.1 * k), at(0.0, 0.1 * k)) for k in range(50)
+    )
+    assert any(going.receive(replace(scan, t_s=0.1 * k), at(0.1 * k)) for k in range(50))
 
 
 def test_at_rest_a_wrong_unit_or_axis_shows() -> None:
@@ -192,7 +194,9 @@ def test_a_microphone_that_says_the_same_block_is_frozen_and_silence_is_not() ->
     for value, is_frozen in ((0, False), (7, True)):
         watch, blocks = FrozenReadings(), np.full(64, value, np.int16)
         said = [
-            watch.take(MicrophoneReading(0.1 * k, 0.1 * k, k, "real", blocks, 16_000, 1.0), at(0.0))
+            watch.receive(
+                MicrophoneReading(0.1 * k, 0.1 * k, k, "real", blocks, 16_000, 1.0), at(0.0)
+            )
             for k in range(20)
         ]
         assert any(said) is is_frozen
@@ -206,14 +210,14 @@ def image(t_s: float, picture: Any) -> CameraReading:
 def test_images_that_stay_while_the_vehicle_moves_or_turns_are_frozen() -> None:
     picture = np.random.default_rng(1).integers(0, 255, (12, 16, 3)).astype(np.uint8)
     going, turning, hovering = FrozenReadings(), FrozenReadings(), FrozenReadings()
-    said = [going.take(image(0.1 * k, picture), at(0.06 * k)) for k in range(12)]
+    said = [going.receive(image(0.1 * k, picture), at(0.06 * k)) for k in range(12)]
     assert said[:9] == [None] * 9
     assert "moved 0.54 m and turned 0 deg meanwhile: the sensor is frozen" in str(said[9])
     for k in range(12):
         turned = Pose.of(0.0, 0.0, -1.0, yaw_rad=math.radians(3.0 * k))
-        fault = turning.take(image(0.1 * k, picture), turned)
+        fault = turning.receive(image(0.1 * k, picture), turned)
         assert (fault is not None) is (k >= 9)
-        assert hovering.take(image(0.1 * k, picture), at(0.02 * (k % 2))) is None
+        assert hovering.receive(image(0.1 * k, picture), at(0.02 * (k % 2))) is None
 
 
 def seen(t_s: float, depth_m: Any) -> DepthReading:
@@ -226,9 +230,9 @@ def test_depth_that_stays_while_the_vehicle_moves_or_turns_is_frozen() -> None:
     going, turning, blind = FrozenReadings(), FrozenReadings(), FrozenReadings()
     for k in range(12):
         turned = Pose.of(0.0, 0.0, -1.0, yaw_rad=math.radians(3.0 * k))
-        assert (going.take(seen(0.1 * k, 2.0), at(0.06 * k)) is not None) is (k >= 9)
-        assert (turning.take(seen(0.1 * k, 2.0), turned) is not None) is (k >= 9)
-        assert blind.take(seen(0.1 * k, math.inf), at(0.3 * k)) is None, "nothing came back"
+        assert (going.receive(seen(0.1 * k, 2.0), at(0.06 * k)) is not None) is (k >= 9)
+        assert (turning.receive(seen(0.1 * k, 2.0), turned) is not None) is (k >= 9)
+        assert blind.receive(seen(0.1 * k, math.inf), at(0.3 * k)) is None, "nothing came back"
 
 
 def test_at_rest_depth_in_millimetres_or_in_a_thousandth_shows() -> None:
@@ -244,5 +248,5 @@ def test_a_camera_with_noise_or_that_sends_each_image_twice_is_not_frozen() -> N
     rng, noisy, twice = np.random.default_rng(1), FrozenReadings(), FrozenReadings()
     pictures = [rng.normal(110.0, 2.0, (12, 16, 3)).astype(np.uint8) for _ in range(30)]
     for k, picture in enumerate(pictures):
-        assert noisy.take(image(0.1 * k, picture), at(0.3 * k)) is None
-        assert twice.take(image(0.1 * k, pictures[k // 2]), at(0.3 * k)) is None
+        assert noisy.receive(image(0.1 * k, picture), at(0.3 * k)) is None
+        assert twice.receive(image(0.1 * k, pictures[k // 2]), at(0.3 * k)) is None

@@ -61,24 +61,24 @@ class Flown:
 def flown(busy: Sequence[Callable[[float], bool]], *, for_s: float = 4.0) -> Flown:
     lockstep, out = Lockstep(nominal=NOMINAL), Flown()
     processes = [Process(str(index), one) for index, one in enumerate(busy)]
-    for one in processes:
-        lockstep.join(one.name)
+    for process in processes:
+        lockstep.join(process.name)
     lockstep.begin(Segment(0.0, _BEGIN_S, 1.0))
-    for one in processes:
-        one.heard.append(lockstep.segment)
+    for process in processes:
+        process.heard.append(lockstep.segment)
     for tick in range(1, round(for_s / _TICK_S)):
         wall_s = tick * _TICK_S
-        for one in processes:
-            reached_s = one.turn(wall_s)
+        for process in processes:
+            reached_s = process.turn(wall_s)
             if reached_s is None:
                 continue
-            lockstep.report(one.name, reached_s)
+            lockstep.report(process.name, reached_s)
             if lockstep.extend(wall_s):
                 for each in processes:
                     each.heard.append(lockstep.segment)
         out.wall_s.append(wall_s)
         out.run_s.append(lockstep.segment.at(wall_s))
-        out.done_s.append(tuple(one.done_s for one in processes))
+        out.done_s.append(tuple(process.done_s for process in processes))
     return out
 
 

@@ -43,5 +43,5 @@ def test_the_decision_names_every_place_that_starts_a_raw_child() -> None:
     assert sorted(places) == sorted(rows)
     for place, calls in places.items():
         for call in calls:
-            sessions = [one for one in call.keywords if one.arg == "start_new_session"]
-            assert [ast.unparse(one.value) for one in sessions] == ["True"], place
+            sessions = [keyword for keyword in call.keywords if keyword.arg == "start_new_session"]
+            assert [ast.unparse(session.value) for session in sessions] == ["True"], place

@@ -55,19 +55,19 @@ class CopterGuided(CopterCore):
     def _on_local_setpoint(self, message: Any) -> None:
         if self.mode is CopterMode.GUIDED:
             flies = guided_setpoints.flies_local(message)
-            self._take_setpoint(local_setpoint(message, self.state.now) if flies else None)
+            self._receive_setpoint(local_setpoint(message, self.state.now) if flies else None)
 
     @on_message("SET_POSITION_TARGET_GLOBAL_INT")
     def _on_global_setpoint(self, message: Any) -> None:
         if guided_setpoints.flies_global(message):
             super()._on_global_setpoint(message)
         elif self._takes_global_setpoints():
-            self._take_setpoint(None)
+            self._receive_setpoint(None)
 
     def _takes_global_setpoints(self) -> bool:
         return self.mode is CopterMode.GUIDED
 
-    def _take_setpoint(self, wanted: Wanted | None) -> None:
+    def _receive_setpoint(self, wanted: Wanted | None) -> None:
         """Fly a setpoint in the air; None stops ArduCopter."""
         flight = self.flight
         if not flight.armed or flight.landed or self.taking_off:

@@ -134,7 +134,7 @@ class FlyMission(Behaviour):
             self._reach()
         return target
 
-    def take_landing(self) -> None:
+    def receive_landing(self) -> None:
         """Continue the mission after the landing of the present item."""
         if not self.done and isinstance(self._current, Land | ReturnHome):
             self._reach()

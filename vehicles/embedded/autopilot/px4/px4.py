@@ -81,12 +81,12 @@ class Px4(Px4Core):
             )
             return
         message.coordinate_frame = mavlink.MAV_FRAME_LOCAL_NED
-        self._take_setpoint(local_setpoint(message, now))
+        self._receive_setpoint(local_setpoint(message, now))
 
     def _takes_global_setpoints(self) -> bool:
         return self.position_valid
 
-    def _take_setpoint(self, wanted: Wanted | None) -> None:
+    def _receive_setpoint(self, wanted: Wanted | None) -> None:
         if wanted is None:
             return
         self.setpoint_at_s = self.t_s
