@@ -125,7 +125,8 @@ def _near_misses(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
             message = (
                 f"in mode {mode} this fence is {encounter.apart_m:.2f} m from that of "
                 f"'{encounter.other.name}', also attached: the two can touch; leave "
-                f"{encounter.needed_m:.2f} m between the fences, seen from above, {encounter.remedy}"
+                f"{encounter.needed_m:.2f} m between the fences, seen from above, "
+                f"{encounter.remedy}"
             )
         yield files.campaign.problem((*encounter.actor.path, "geofence"), message, key=True)
 
