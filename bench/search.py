@@ -7,7 +7,7 @@
 `made-up` flies nothing: a corner of six numbers fails, with noise. The others are the shipped
 searches in mode sim. Their flights come from a table of flights that were flown (bench/tables, by
 bench.search_table): each is one of those of the nearest point, drawn by the seed. With --flown each
-is flown, under virtual time.
+is flown, under virtual time; --set vehicles.twin.physics=compiled flies them by the cheaper body.
 """
 
 import argparse
@@ -116,12 +116,15 @@ def looked_up(name: str, budget: int, jobs: int) -> Find:
     return find
 
 
-def flown(name: str, budget: int, jobs: int) -> Find:
-    """Return a shipped search, flown in mode sim until its first confirmed failure."""
+def flown(name: str, budget: int, jobs: int, sets: tuple[str, ...] = ()) -> Find:
+    """Return a shipped search, flown in mode sim until its first confirmed failure.
+
+    sets: what the flights are set to beside, as KEY=VALUE.
+    """
     start_run_server()
 
     def find(strategy: StrategyName, seed: int) -> Findings:
-        search = shipped_search(name, seed=seed, sets=_sets(strategy, budget))
+        search = shipped_search(name, seed=seed, sets=(*_sets(strategy, budget), *sets))
         with tempfile.TemporaryDirectory() as folder:
             cleared = Cleared("virtual", jobs)
             engine = BatchEngine(cleared=cleared, watcher=SilentDisplay())
@@ -176,12 +179,15 @@ def main() -> None:
     parser.add_argument("--budget", type=int, default=60, help="flights that look for a failure")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--flown", action="store_true", help="fly, in place of the table")
+    parser.add_argument("--set", action="append", default=[], help="KEY=VALUE of flights that fly")
     parser.add_argument("--strategies", nargs="+", choices=STRATEGIES, default=STRATEGIES)
     given = parser.parse_args()
     if given.problem == "made-up":
         find = made_up(given.budget, given.jobs)
+    elif given.flown:
+        find = flown(given.problem, given.budget, given.jobs, tuple(given.set))
     else:
-        find = (flown if given.flown else looked_up)(given.problem, given.budget, given.jobs)
+        find = looked_up(given.problem, given.budget, given.jobs)
     print("flights to the first confirmed failure, those that confirm it included")
     print("strategy found  median  quartiles       least..most", flush=True)
     found: dict[StrategyName, list[Findings]] = {strategy: [] for strategy in given.strategies}
