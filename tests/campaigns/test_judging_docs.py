@@ -7,8 +7,6 @@ from typing import Any, get_args
 
 import pytest
 
-from wil_campaign.plugins.stl.stl_signals import signal_docs
-from wil_campaign.safety.oracles.oracle_docs import describe_oracles
 from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.safety.preflight import Check
 from wil_campaign.vehicles.autopilots.failsafes import FAILSAFES
@@ -50,15 +48,8 @@ def test_every_check_of_the_preflight_is_documented() -> None:
         assert all(f"`{name}`" in page for rule in rules for name in rule.names)
 
 
-def test_every_oracle_its_keys_and_every_signal_are_documented() -> None:
+def test_every_oracle_has_its_row() -> None:
+    """Their keys, windows and signals are in lists.md, which is made from the program."""
     page = (DOCS / "oracles.md").read_text("utf-8")
-    rows = {row.split("|")[1].strip(): row for row in page.splitlines() if row.startswith("| `")}
-    for kind, spec in oracle_kinds().items():
-        doc = describe_oracles(spec)
-        row = rows[f"`{kind}`"]
-        assert all(f"`{parameter.name}`" in row for parameter in doc.parameters), kind
-        first, _, last = doc.window.removeprefix("from ").partition(" to ")
-        assert (f"{first} to {last}" if last else "the end") in row, kind
-        assert row.rstrip(" |").endswith("yes") is doc.fail_fast, kind
-    for name in signal_docs():
-        assert f"`{name}`" in page, name
+    rows = {row.split("|")[1].strip(" `") for row in page.splitlines() if row.startswith("| `")}
+    assert set(oracle_kinds()) - rows == set()

@@ -541,7 +541,7 @@ class Calm(LimitOracle):
 
     def on_pose(self, sample):
         rate = abs(sample.velocity_ned_m_s[2])
-        return self.take(sample.t_s, rate, 3.0 - rate, lambda: f"climbs at {rate:.2f} m/s")
+        return self.judge_margin(sample.t_s, rate, 3.0 - rate, lambda: f"climbs at {rate:.2f} m/s")
 
 
 @oracle("calm", "climbs and sinks no faster than max_m_s", CalmParameters)
