@@ -40,7 +40,7 @@ LINES = [
 
 
 def test_the_page_has_both_systems_with_junit() -> None:
-    _, github, gitlab, _ = (yaml.safe_load(text) for text in blocks("yaml"))
+    _, github, gitlab, *_ = (yaml.safe_load(text) for text in blocks("yaml"))
     assert "upload-artifact" in str(github["jobs"]["fly"]["steps"])
     assert gitlab["fly"]["artifacts"]["reports"]["junit"] == "junit.xml"
     assert len(LINES) >= 8
@@ -56,7 +56,7 @@ def test_the_page_uses_the_action_of_this_repository_by_its_inputs() -> None:
 
 
 def test_the_page_builds_a_wheel_tries_it_and_attaches_it() -> None:
-    *_, wheel = (yaml.safe_load(text) for text in blocks("yaml"))
+    *_, wheel, _ = (yaml.safe_load(text) for text in blocks("yaml"))
     assert wheel[True]["push"]["tags"]  # YAML 1.1 reads the key `on` as true
     lines = [step["run"] for step in wheel["jobs"]["wheel"]["steps"] if "run" in step]
     order = ("pip wheel", "pip install", "wil-campaign --version", "wil-campaign run", "gh release")
