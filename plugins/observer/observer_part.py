@@ -40,7 +40,8 @@ class ObserverPart(Part):
     """The campaign's `observer`, a camera that stands in the world and is level.
 
     north_m, east_m, up_m: where it stands, from the world's origin. look_at: the place in the
-    middle of its image; or yaw_deg, clockwise from north, and pitch_deg, positive upwards.
+    middle of its image. yaw_deg: instead of it, clockwise from north. pitch_deg: with yaw_deg,
+    positive upwards.
     width_px, height_px: size of its images. fov_deg: horizontal field of view, from edge to edge.
     rate_hz: images in a second of its films.
     """

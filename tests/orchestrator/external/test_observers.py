@@ -48,7 +48,7 @@ def external(monkeypatch: pytest.MonkeyPatch, noted: list[str], *names: str) -> 
         external_io, "_observers", lambda *_: [Noting(name, noted) for name in names]
     )
     campaign = SimpleNamespace(recipe=None, world=SimpleNamespace(frame=None))
-    setup = SimpleNamespace(with_sensors=(), vehicles=(), clock="virtual", campaign=campaign)
+    setup = SimpleNamespace(with_sensors=(), vehicles=(), clock="virtual", case=campaign)
     return ExternalIo(setup=cast("Any", setup), events={})
 
 

@@ -49,12 +49,12 @@ def test_drift_of_an_estimate_before_the_takeoff_is_no_lift() -> None:
     )
     sync.attach(cast("Any", (real, twin)))
     for t_s, height_m in zip(seconds, (0.0, 0.2, 0.4, 0.4), strict=False):
-        real.liftoff.take(t_s, height_m=height_m, climb_m_s=0.4)
+        real.liftoff.observe(t_s, height_m=height_m, climb_m_s=0.4)
     assert real.liftoff.liftoff_s == 0.0
     run_state.enter("takeoff")
     for one, began_s in ((real, 7.0), (twin, 7.25)):
         for step in range(4):
-            one.liftoff.take(began_s + step / 2, height_m=0.4 + step / 2, climb_m_s=1.0)
+            one.liftoff.observe(began_s + step / 2, height_m=0.4 + step / 2, climb_m_s=1.0)
     assert sync.result().takeoff_skew_s == 0.25
 
 

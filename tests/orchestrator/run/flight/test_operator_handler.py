@@ -5,6 +5,7 @@ from contextlib import suppress
 from typing import Any
 
 from wil_campaign.orchestrator.run.flight.operator_handler import OperatorHandler
+from wil_campaign.safety.guard.core.commands import Operate
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 
@@ -16,8 +17,8 @@ async def test_a_command_is_with_the_guard_before_it_is_recorded() -> None:
         def poll(self) -> OperatorCommand | None:
             return commands.pop() if commands else None
 
-        def command(self, command: OperatorCommand) -> None:
-            done.append(f"{command.kind} to the guard")
+        def send(self, operate: Operate) -> None:
+            done.append(f"{operate.command.kind} to the guard")
 
     stubs: Any = Stubs()
     handler = OperatorHandler(

@@ -63,7 +63,7 @@ def test_an_autonomy_too_large_once_it_is_built_is_an_error_before_it_flies() ->
     held = iter((1000.0, 1400.0))
     meter = MemoryMeter(limits, resident_mb=lambda: next(held))
     under_test = SimpleNamespace(limits=limits, build=lambda _: Hoarder(parameters={}))
-    setup: Any = SimpleNamespace(seed=1, campaign=SimpleNamespace(under_test=under_test))
+    setup: Any = SimpleNamespace(seed=1, case=SimpleNamespace(under_test=under_test))
     with pytest.raises(AutonomyFault, match="the autonomy of twin uses too much") as caught:
         _build_autonomy(setup, "twin", meter)
     assert caught.value.kind == "ERROR"

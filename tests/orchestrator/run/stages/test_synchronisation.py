@@ -40,7 +40,7 @@ def frame(command: int, *, as_int: bool = False) -> bytes:
 
 def liftoff(context: Any, began_s: float) -> None:
     for step in range(4):
-        context.liftoff.take(began_s + step / 2, height_m=step / 2, climb_m_s=1.0)
+        context.liftoff.observe(began_s + step / 2, height_m=step / 2, climb_m_s=1.0)
 
 
 @pytest.mark.parametrize("as_int", [False, True])

@@ -88,7 +88,7 @@ def test_the_vehicle_that_was_ready_first_is_asked_again_when_all_are(monkeypatc
             setup=cast(
                 "Any",
                 SimpleNamespace(
-                    campaign=SimpleNamespace(sync=SYNC),
+                    case=SimpleNamespace(sync=SYNC),
                     vehicle=lambda _: SimpleNamespace(anchor="start"),
                     flown=lambda _: SimpleNamespace(attached=None),
                 ),
@@ -191,7 +191,7 @@ def test_a_second_vehicle_is_named_where_its_answers_refuse_the_configuration(
             setup=cast(
                 "Any",
                 SimpleNamespace(
-                    campaign=SimpleNamespace(sync=SYNC),
+                    case=SimpleNamespace(sync=SYNC),
                     flown=lambda _: SimpleNamespace(attached=True),
                 ),
             ),
@@ -232,7 +232,7 @@ def test_a_vehicle_with_a_rival_never_arms(monkeypatch: pytest.MonkeyPatch, at: 
             setup=cast(
                 "Any",
                 SimpleNamespace(
-                    campaign=SimpleNamespace(sync=SYNC),
+                    case=SimpleNamespace(sync=SYNC),
                     vehicle=lambda _: SimpleNamespace(anchor="start"),
                     flown=lambda _: SimpleNamespace(attached=None),
                 ),

@@ -71,7 +71,7 @@ class Rig:
         fences: Mapping[str, Fence] = MappingProxyType({}),
     ) -> OnboardConfiguration:
         campaign = SimpleNamespace(preflight=preflight, fences=fences)
-        setup = SimpleNamespace(flown=lambda _: self.setup, campaign=campaign)
+        setup = SimpleNamespace(flown=lambda _: self.setup, case=campaign)
         run_state = SimpleNamespace(decide=lambda *said: self.decided.append(said), dropped_out={})
 
         def note(event: str, **more: Any) -> None:
@@ -413,7 +413,7 @@ def _fetch_logs(logs: dict[str, Any], folder: Path, noted: list[tuple[str, str]]
     async def run() -> None:
         record = SimpleNamespace(vehicle_logs=True)
         setup: Any = SimpleNamespace(
-            campaign=SimpleNamespace(record=record), order=SimpleNamespace(folder=folder)
+            case=SimpleNamespace(record=record), order=SimpleNamespace(folder=folder)
         )
         anything: Any = SimpleNamespace()
         await OnboardConfiguration(
