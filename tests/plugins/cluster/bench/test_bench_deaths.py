@@ -9,6 +9,7 @@ import json
 import os
 import pty
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -130,6 +131,15 @@ def socket_of_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "server"
 
 
+@pytest.fixture
+def node_folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Where the bench's machine has its temporary files, and so the runs that it flies."""
+    with tempfile.TemporaryDirectory(prefix="wil-node-") as folder:
+        monkeypatch.setenv("TMPDIR", folder)
+        monkeypatch.setattr(tempfile, "tempdir", None)
+        yield Path(folder)
+
+
 def fly(path: Path, hired: HiredBench, act: Callable[[], object]) -> CampaignOutcome:
     campaign = load_campaign(path, Options(benches=(hired.bench,)))
     options = FlightOptions(out=path.parent / "out")
@@ -182,12 +192,12 @@ def _is_guard(one: psutil.Process, run: psutil.Process) -> bool:
 
 
 def test_the_guard_lands_the_vehicle_of_a_killed_process_and_it_flies_no_more(
-    tmp_path: Path,
+    tmp_path: Path, node_folder: Path
 ) -> None:
     port = free_port()
     path, bench = write_campaign(tmp_path, ticks=4000), write_bench(tmp_path, port)
     agree = ConsentAnswer(code=0, real_kind="sitl")
-    killing = Killing(tmp_path)
+    killing = Killing(node_folder)
     with served(bench, tmp_path, lambda _: agree), vehicle_at(port):
         hired = hire_bench(FakeRay(MortalBenchAgent), "hall-a", 60.0)
         assert hired.ask_consent(ConsentAsked("hover", 2, arm=True, place=PLACE)).problem == ""
