@@ -32,6 +32,8 @@ MOST_CLIENTS = 256
 """Connections that are not watchers; a new one replaces the one that was silent longest."""
 _BACKLOG = 64
 """Connections accepted in one turn of the loop: fewer than MOST_CLIENTS, so that each is read."""
+_TURNS_TO_ACCEPT = 4
+"""Turns of the loop from an accepted connection to the task that serves it: 3."""
 _WATCH_S = 0.5
 _WATCHER_BUFFER_BYTES = 8192
 _IDLE_S = 10.0
@@ -93,6 +95,7 @@ class OperatorSocket:
         """Stop listening, and remove the operator's socket and its pointer."""
         self._is_closing = True
         if self._server is not None:
+            await _settle(self._server)
             self._server.close()
         clients = [*self._clients, *self._watchers]
         for client in clients:
@@ -222,6 +225,18 @@ def write_private(path: Path, text: str) -> None:
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
     with os.fdopen(descriptor, "w", encoding="utf-8") as file:
         file.write(text)
+
+
+async def _settle(server: asyncio.Server) -> None:
+    """Accept nothing more, and let connections that were just accepted come to their clients.
+
+    A server that is closed between the two leaves them open (Python 3.11 to 3.13).
+    """
+    loop = asyncio.get_running_loop()
+    for listening in server.sockets:
+        loop.remove_reader(listening.fileno())
+    for _ in range(_TURNS_TO_ACCEPT):
+        await asyncio.sleep(0)
 
 
 def _is_same_user(writer: asyncio.StreamWriter) -> bool:

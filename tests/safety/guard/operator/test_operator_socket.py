@@ -5,6 +5,7 @@ import json
 import socket
 import time
 from collections.abc import AsyncIterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -180,3 +181,21 @@ async def test_a_watcher_that_is_there_at_the_end_is_no_exception(short_folder: 
     await asyncio.sleep(0.01)
     await controller.close()
     assert reported == []
+
+
+@pytest.mark.parametrize("turns", range(5))
+def test_a_connection_in_the_moment_of_closing_is_closed(short_folder: Path, turns: int) -> None:
+    path = short_folder / "campaign.sock"
+
+    async def close_after() -> socket.socket:
+        async with OperatorSocket(path=path, obey=lambda _: "", status=dict, refused=print):
+            client = socket.socket(socket.AF_UNIX)
+            client.connect(str(path))
+            for _ in range(turns):
+                await asyncio.sleep(0)
+        return client
+
+    with asyncio.run(close_after()) as client:
+        client.settimeout(5.0)
+        with suppress(ConnectionResetError):
+            assert client.recv(1) == b""
