@@ -49,10 +49,10 @@ def outline_opening(mesh: Mesh, at_m: Vec3, through: Vec3) -> Opening:
     """
     axis, at = np.array(through), np.array(at_m)
     right, down = _across(axis)
-    lines = [
-        shapely.LineString(segment)
-        for segment in _cut(mesh, at, axis) @ np.stack([right, down], axis=1)
-    ]
+    segments = _cut(mesh, at, axis) @ np.stack([right, down], axis=1)
+    if _is_closed(mesh) and _crossings_beside(segments) % 2 == 1:
+        raise OpeningError("this point is in the material of the mesh; give one in the opening")
+    lines = [shapely.LineString(segment) for segment in segments]
     rings = polygonize(unary_union(lines)) if lines else ()
     point = shapely.Point(0.0, 0.0)
     found = [ring for ring in rings if ring.contains(point)]
@@ -64,6 +64,22 @@ def outline_opening(mesh: Mesh, at_m: Vec3, through: Vec3) -> Opening:
     outline = min(found, key=lambda ring: float(ring.area)).simplify(_SMOOTH_M)
     flat = np.array(outline.exterior.coords)[:-1]
     return _plane_opening(at + flat[:, :1] * right + flat[:, 1:] * down, at, axis, through)
+
+
+def _is_closed(mesh: Mesh) -> bool:
+    """Return whether a mesh bounds material: no edge is open, though bodies may share one."""
+    corners = np.round(mesh.vertices_m / _WELD_M) * _WELD_M
+    index = np.unique(corners, axis=0, return_inverse=True)[1].reshape(-1)
+    edges = np.sort(index[mesh.faces][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    return bool((np.unique(edges, axis=0, return_counts=True)[1] % 2 == 0).all())
+
+
+def _crossings_beside(segments: FloatArray) -> int:
+    """Return how many segments (n, 2, 2) a ray from the origin crosses: odd within material."""
+    (u, v), (end_u, end_v) = segments[:, 0].T, segments[:, 1].T
+    spans = (v > 0.0) != (end_v > 0.0)
+    share = v[spans] / (v - end_v)[spans]
+    return int((u[spans] + share * (end_u - u)[spans] > 0.0).sum())
 
 
 def _plane_opening(

@@ -85,6 +85,14 @@ def test_a_point_with_nothing_round_it() -> None:
             outline_opening(mesh, at, FORWARD)
 
 
+@pytest.mark.parametrize(("form", "at"), [("square", 0.65), ("ring", 0.65)])
+def test_a_point_in_the_material_is_no_opening(form: Any, at: float) -> None:
+    """The outer outline of a wall is round it, too: a flight into the wall passed through that."""
+    mesh = shapes.gate(form, 1.2, 0.1).mesh
+    with pytest.raises(OpeningError, match="in the material of the mesh"):
+        outline_opening(mesh, (0.01, at, 0.01), FORWARD)
+
+
 def write_frame(path: Path) -> None:
     """A square frame of four bars around a hole of 1 m, 0.5 m over the origin of the file."""
     mesh = shapes.gate("square", 1.0, 0.2).mesh
