@@ -201,3 +201,14 @@ def test_a_reading_that_the_plugin_refuses_is_not_mixed(folder: Path) -> None:
     (mixed,) = json.loads(path.read_text())["mixing"]["combinations"]
     assert mixed["faults"]["twin out_of_range"] > 10
     assert json.loads(path.read_text())["note"] == "field 20 0", "the real reading alone"
+
+
+def test_a_reading_that_the_plugin_refuses_proves_nothing_where_none_is_mixed(
+    folder: Path,
+) -> None:
+    changes = ("--set", "modes=[sim]", "--set", "vehicles.twin.sensors.mag.strength_ut=500")
+    program(folder, "run", "campaign.yaml", *changes, "--out", "out")
+    (path,) = folder.glob("out/*/*/*/sim/1/result.json")
+    result = json.loads(path.read_text())
+    assert result["verdict"] == "INVALID"
+    assert "mag of twin: a field of 500 uT is none of the earth" in result["reason"]

@@ -25,6 +25,7 @@ from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.recipes.pipeline.autonomy_readings import without_ground_truth
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe
 from wil_campaign.vehicles.readings import CameraReading, Reading
+from wil_campaign.vehicles.readings.checks import fault_of
 from wil_campaign.vehicles.readings.copies import restamp_reading
 
 _POSE_WAIT_S = 0.05
@@ -236,7 +237,10 @@ class _PerceptionBuilder:
         is_filmed = subject and isinstance(sensor, CameraSetup) and self._is_filmed(sensor.name)
         self._source(vehicle.name, sensor).takers.append(
             _perception_users(
-                self._perception.runners[vehicle.name], self._watchers, is_filmed=is_filmed
+                self._perception.runners[vehicle.name],
+                self._watchers,
+                self._perception.run_state,
+                is_filmed=is_filmed,
             )
         )
 
@@ -262,10 +266,19 @@ class _PerceptionBuilder:
         return self._registrar.of(real)
 
 
-def _perception_users(runner: AnyRunner, watchers: PerceptionWatchers, *, is_filmed: bool) -> Take:
+def _perception_users(
+    runner: AnyRunner, watchers: PerceptionWatchers, run_state: RunState, *, is_filmed: bool
+) -> Take:
+    """Return what gives a runner a sensor's own readings, as they are; INVALID for a faulty one."""
     receivers = (runner.context.name,)
 
-    def take(reading: Reading) -> None:
+    def receive(reading: Reading) -> None:
+        if (fault := fault_of(reading)) is not None:
+            reason = (
+                f"{reading.sensor} of {reading.source}: {fault.detail}; no autonomy is given it"
+            )
+            run_state.decide("INVALID", reason, source=f"reading/{reading.source}")
+            return
         reading = without_ground_truth(reading)
         watchers.perceived(reading, receivers)
         if is_filmed and isinstance(reading, CameraReading):
@@ -274,7 +287,7 @@ def _perception_users(runner: AnyRunner, watchers: PerceptionWatchers, *, is_fil
             watchers.shown(PreviewImages(reading, topic, real))
         runner.perceive(reading)
 
-    return take
+    return receive
 
 
 def _hand_over(runner: AnyRunner, frame: MixedFrame, *, raw: bool) -> None:
