@@ -251,7 +251,10 @@ def _mixture_texts(runs: Iterable[RunResult]) -> Iterator[str]:
     ]
     text = f"{frames} mixtures in {runs_text(len(mixed))}, {dropped} with something left out"
     if errors:
-        text += f"; registration error below {number_text(max(errors), 'px', 1)} in 99 % of each"
+        worst = number_text(max(errors), "px", 1)
+        text += f"; registration error below {worst} in 99 % of each measured"
+    if unmeasured := len(mixed) - len(errors):
+        text += f"; registration error not measured in {runs_text(unmeasured)}"
     yield text
     names = dict.fromkeys(name for mixing_result in mixed for name in mixing_result.shown)
     for name in names:

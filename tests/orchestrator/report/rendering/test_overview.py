@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
 from wil_campaign.campaigns.values.acceptance import Requirement, Share
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.report.rendering import overview
 from wil_campaign.orchestrator.report.rendering.overview import case_rows, margin_text, verdict_of
 from wil_campaign.orchestrator.report.words import NOTHING
 from wil_campaign.safety.model.oracle_results import OracleResult
@@ -149,3 +151,19 @@ def test_the_smallest_margin_is_of_a_limit_that_was_exceeded(
     margins: tuple[tuple[str, str, float | None, bool], ...], text: str
 ) -> None:
     assert margin_text(judged(*margins)) == text
+
+
+def test_a_registration_that_was_not_measured_is_said() -> None:
+    def run(error_px: float | None) -> Any:
+        error = None if error_px is None else SimpleNamespace(p99=error_px)
+        return SimpleNamespace(
+            mixing=SimpleNamespace(frames=10, dropped=0, registration_error_px=error, shown={})
+        )
+
+    measured, half, none = (
+        next(overview._mixture_texts(runs))
+        for runs in ([run(0.7)], [run(0.7), run(None)], [run(None)])
+    )
+    assert measured.endswith("registration error below 0.7 px in 99 % of each measured")
+    assert half.endswith("of each measured; registration error not measured in 1 run")
+    assert none.endswith("left out; registration error not measured in 1 run")
