@@ -1,12 +1,15 @@
 """Live views beside a flight, which plugins add."""
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
+from types import TracebackType
 
 from wil_campaign.hooks import LiveViewError, live_views
 from wil_campaign.installed_plugins import absent, added, load
 from wil_campaign.orchestrator.cli.plugin_options import PluginOptions, given
+
+Raised = type[BaseException] | None
 
 
 @contextmanager
@@ -20,7 +23,8 @@ def views_beside(
     """Open the live views that a user wants until the context is left. say: receives their lines.
 
     folder: only of campaigns that write there; program: only of the campaign of that process.
-    Raises LiveViewError.
+    A view that fails to close is reported by `say`: results are not lost with it. Raises
+    LiveViewError.
     """
     known, missing = added(live_views), absent(live_views)
     with ExitStack() as stack:
@@ -28,8 +32,24 @@ def views_beside(
             if name in missing:
                 raise AbsentViewError(missing[name])
             view = load(known[name].beside)(address, say, folder=folder, program=program)
-            stack.enter_context(view)
+            view.__enter__()
+            stack.push(_closing(name, view, say))
         yield
+
+
+def _closing(
+    name: str, view: AbstractContextManager[object], say: Callable[[str], None]
+) -> Callable[[Raised, BaseException | None, TracebackType | None], bool]:
+    """Return what closes a live view; it hides no exception of the flight, and raises none."""
+
+    def close(kind: Raised, error: BaseException | None, trace: TracebackType | None) -> bool:
+        try:
+            view.__exit__(kind, error, trace)
+        except Exception as fault:  # noqa: BLE001 - of a plugin, after the flight
+            say(f"--{name}: the view cannot be closed: {type(fault).__name__}: {fault}")
+        return False
+
+    return close
 
 
 class AbsentViewError(LiveViewError):

@@ -1,0 +1,49 @@
+"""Live views of plugins beside a flight: what one that fails costs."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from wil_campaign.orchestrator.cli import live_views
+from wil_campaign.orchestrator.cli.live_views import views_beside
+
+
+@pytest.fixture
+def said(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What users are told beside two views, of which the second cannot be closed."""
+    lines: list[str] = []
+
+    @contextmanager
+    def view(address: str, say: Any, **_: Any) -> Iterator[None]:
+        try:
+            yield
+        finally:
+            say(f"{address} closes")
+            if address == "bad":
+                raise RuntimeError("the window is gone")
+
+    known = {name: SimpleNamespace(beside=name) for name in ("window", "ticker")}
+    monkeypatch.setattr(live_views, "added", lambda _: known)
+    monkeypatch.setattr(live_views, "absent", lambda _: {})
+    monkeypatch.setattr(live_views, "load", lambda _: view)
+    monkeypatch.setattr(live_views, "given", lambda views: views)
+    return lines
+
+
+VIEWS: Any = {"window": "good", "ticker": "bad"}
+
+
+def test_a_view_that_cannot_be_closed_is_named_and_loses_nothing(said: list[str]) -> None:
+    with views_beside(VIEWS, said.append):
+        said.append("the flight")
+    fault = "--ticker: the view cannot be closed: RuntimeError: the window is gone"
+    assert said == ["the flight", "bad closes", fault, "good closes"]
+
+
+def test_a_fault_of_the_flight_is_not_hidden_by_a_view(said: list[str]) -> None:
+    with pytest.raises(ValueError, match="in flight"), views_beside(VIEWS, said.append):
+        raise ValueError("in flight")
+    assert said[-1] == "good closes"
