@@ -12,7 +12,7 @@ from wil_campaign.orchestrator.cli.live_views import views_beside
 
 
 @pytest.fixture
-def said(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def shown(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What users are told beside two views, of which the second cannot be closed."""
     lines: list[str] = []
 
@@ -36,14 +36,14 @@ def said(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 VIEWS: Any = {"window": "good", "ticker": "bad"}
 
 
-def test_a_view_that_cannot_be_closed_is_named_and_loses_nothing(said: list[str]) -> None:
-    with views_beside(VIEWS, said.append):
-        said.append("the flight")
+def test_a_view_that_cannot_be_closed_is_named_and_loses_nothing(shown: list[str]) -> None:
+    with views_beside(VIEWS, shown.append):
+        shown.append("the flight")
     fault = "--ticker: the view cannot be closed: RuntimeError: the window is gone"
-    assert said == ["the flight", "bad closes", fault, "good closes"]
+    assert shown == ["the flight", "bad closes", fault, "good closes"]
 
 
-def test_a_fault_of_the_flight_is_not_hidden_by_a_view(said: list[str]) -> None:
-    with pytest.raises(ValueError, match="in flight"), views_beside(VIEWS, said.append):
+def test_a_fault_of_the_flight_is_not_hidden_by_a_view(shown: list[str]) -> None:
+    with pytest.raises(ValueError, match="in flight"), views_beside(VIEWS, shown.append):
         raise ValueError("in flight")
-    assert said[-1] == "good closes"
+    assert shown[-1] == "good closes"

@@ -153,7 +153,7 @@ def test_the_smallest_margin_is_of_a_limit_that_was_exceeded(
     assert margin_text(judged(*margins)) == text
 
 
-def test_a_registration_that_was_not_measured_is_said() -> None:
+def test_a_registration_that_was_not_measured_is_reported() -> None:
     def run(error_px: float | None) -> Any:
         error = None if error_px is None else SimpleNamespace(p99=error_px)
         return SimpleNamespace(
