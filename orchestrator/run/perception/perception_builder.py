@@ -277,7 +277,7 @@ def _perception_users(
             reason = (
                 f"{reading.sensor} of {reading.source}: {fault.detail}; no autonomy is given it"
             )
-            run_state.decide("INVALID", reason, source=f"reading/{reading.source}")
+            run_state.decide("INVALID", reason, source=f"evidence/{reading.source}")
             return
         reading = without_ground_truth(reading)
         watchers.perceived(reading, receivers)
