@@ -43,7 +43,7 @@ from wil_campaign.safety.guard.core.commands import (
     VehicleGone,
 )
 from wil_campaign.safety.guard.core.events import EventKind, GuardEvent, unrecorded
-from wil_campaign.safety.guard.local_guard import GuardLinks, LocalGuard
+from wil_campaign.safety.guard.local_guard import TICK_HZ, GuardLinks, LocalGuard
 from wil_campaign.safety.guard.operator.operator_requests import OperatorOrders
 from wil_campaign.safety.guard.operator.operator_socket import POINTER, OperatorSocket
 from wil_campaign.safety.guard.process.channel import Channel
@@ -407,13 +407,17 @@ class GuardProcess:
         loop = asyncio.get_running_loop()
         since_s = loop.time()
         self._guard.send(OrchestratorEnded())
+        was_busy = False
         while busy := self._guard.core.may_be_armed(loop.time()):
+            was_busy = True
             if loop.time() - since_s > self._guard_config.patience_s and not self._may_do_harm(
                 busy
             ):
                 self._note("given up", text=f"{', '.join(busy)} did not land")
                 return
             await asyncio.sleep(_LAST_POLL_S)
+        if was_busy:  # The tick that reports how they came down may be still to come.
+            await asyncio.sleep(2.0 / TICK_HZ)
 
     def _may_do_harm(self, busy: tuple[str, ...]) -> bool:
         """Return whether anything was received lately from an armed vehicle that may do harm."""
