@@ -79,7 +79,7 @@ def images(count: int, hz: float, width: int, height: int) -> bool:
     def take(message: InMessage) -> None:
         if message.cdr is not None and (began_ns := sent_ns.pop(stamp_of(message.cdr), 0)):
             delays_ms.append((time.perf_counter_ns() - began_ns) / 1e6)
-        inbox.take(message)
+        inbox.receive(message)
 
     with claimed_domain(None) as domain:
         wire = ZenohWire(domain=domain, port=0, types=TYPES)
