@@ -24,11 +24,11 @@ class OpeningError(ValueError):
     """An opening cannot be read: why, and what to give instead."""
 
 
-def polygon_opening(corners_m: FloatArray, through: Vec3) -> Opening:
+def polygon_opening(corners_m: FloatArray, through: Vec3, mesh: Mesh | None = None) -> Opening:
     """Return the opening of a plane polygon, flown through along `through`.
 
     corners_m: (n, 3) in the object's FRD frame, in their order round the opening. Its centre is
-    where the nearest edge is farthest. Raises OpeningError.
+    where the nearest edge is farthest. mesh: which must leave it open. Raises OpeningError.
     """
     middle = corners_m.mean(axis=0)
     _, sizes, axes = np.linalg.svd(corners_m - middle)
@@ -38,7 +38,10 @@ def polygon_opening(corners_m: FloatArray, through: Vec3) -> Opening:
     off_m = float(np.abs((corners_m - middle) @ axes[2]).max())
     if off_m > _FLAT_M + _FLAT_SHARE * size_m:
         raise OpeningError(f"the corners are up to {off_m:.3g} m off a plane; give plane ones")
-    return _plane_opening(corners_m, middle, axes[2], through)
+    opening = _plane_opening(corners_m, middle, axes[2], through)
+    if mesh is not None and _is_material(mesh, np.array(opening.pose.position_ned_m), through):
+        raise OpeningError("its centre is in the material of the mesh; give the corners of a hole")
+    return opening
 
 
 def outline_opening(mesh: Mesh, at_m: Vec3, through: Vec3) -> Opening:
@@ -50,7 +53,7 @@ def outline_opening(mesh: Mesh, at_m: Vec3, through: Vec3) -> Opening:
     axis, at = np.array(through), np.array(at_m)
     right, down = _across(axis)
     segments = _cut(mesh, at, axis) @ np.stack([right, down], axis=1)
-    if _is_closed(mesh) and _crossings_beside(segments) % 2 == 1:
+    if _is_material(mesh, at, through):
         raise OpeningError("this point is in the material of the mesh; give one in the opening")
     lines = [shapely.LineString(segment) for segment in segments]
     rings = polygonize(unary_union(lines)) if lines else ()
@@ -64,6 +67,13 @@ def outline_opening(mesh: Mesh, at_m: Vec3, through: Vec3) -> Opening:
     outline = min(found, key=lambda ring: float(ring.area)).simplify(_SMOOTH_M)
     flat = np.array(outline.exterior.coords)[:-1]
     return _plane_opening(at + flat[:, :1] * right + flat[:, 1:] * down, at, axis, through)
+
+
+def _is_material(mesh: Mesh, at: FloatArray, through: Vec3) -> bool:
+    """Return whether a point is in the material that a closed mesh bounds."""
+    axis = np.array(through)
+    segments = _cut(mesh, at, axis) @ np.stack(_across(axis), axis=1)
+    return _is_closed(mesh) and _crossings_beside(segments) % 2 == 1
 
 
 def _is_closed(mesh: Mesh) -> bool:

@@ -142,7 +142,7 @@ class WorldReader:
                 opening = outline_opening(shape.mesh, (forward, right, -up), way)
             else:
                 corners = np.array(model.polygon_m) * (1.0, 1.0, -1.0)
-                opening = polygon_opening(corners, way)
+                opening = polygon_opening(corners, way, shape.mesh)
         except OpeningError as error:
             key = "polygon_m" if model.at_m is None else "at_m"
             self._note((*at[:-1], "opening", key), f"no opening: {error}")

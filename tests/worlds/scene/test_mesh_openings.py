@@ -91,6 +91,12 @@ def test_a_point_in_the_material_is_no_opening(form: Any, at: float) -> None:
     mesh = shapes.gate(form, 1.2, 0.1).mesh
     with pytest.raises(OpeningError, match="in the material of the mesh"):
         outline_opening(mesh, (0.01, at, 0.01), FORWARD)
+    corners = np.array(
+        [(0.0, at + right, down) for right, down in ((-0.02, 0), (0.02, 0), (0, 0.1))]
+    )
+    with pytest.raises(OpeningError, match="in the material of the mesh"):
+        polygon_opening(corners, FORWARD, mesh)
+    assert polygon_opening(corners - (0.0, at, 0.0), FORWARD, mesh).limit_m > 0.0
 
 
 def write_frame(path: Path) -> None:
