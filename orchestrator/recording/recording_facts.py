@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wil_campaign.foundation.files.documents import Data, parse
+from wil_campaign.orchestrator.installation import flown_program
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.model.recipe import Recipe
 from wil_campaign.safety.fence.fence_values import fence_of_plain, plain_fence
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.worlds.camera import CameraMount
 from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.scene import Scene
 from wil_campaign.worlds.world_file.world import World
 
 if TYPE_CHECKING:  # readers of a recording do not load the code that flies
@@ -42,6 +44,11 @@ def facts_of(setup: "RunSetup") -> dict[str, str]:
     if plan.files.world is not None:
         facts["world"] = json.dumps(plan.files.world.data, default=str)
         facts["world_file"] = str(plan.files.world.path)
+    if any(camera.source is None for one in setup.with_sensors for camera in one.cameras):
+        # By these a reader says why it cannot draw an image again.
+        facts["program"] = flown_program()
+        facts["shapes_real"] = scene_digest(setup.real_scene)
+        facts["shapes_twin"] = scene_digest(setup.virtual_scene)
     latencies = {
         f"{vehicle.name} {camera.name}": camera.source.latency_s
         for vehicle in setup.with_sensors
@@ -64,6 +71,14 @@ def facts_of(setup: "RunSetup") -> dict[str, str]:
         facts["recipe"] = json.dumps(recipe.document.data)
         facts["recipe_file"] = str(recipe.document.path)
     return facts
+
+
+def scene_digest(scene: Scene) -> str:
+    """Return a digest of the shapes of a scene, with their textures."""
+    digest = 0
+    for body in scene.bodies:
+        digest = body.shape.mesh.crc32(digest)
+    return f"{digest:08x}"
 
 
 def recipe_in(facts: Mapping[str, str], *, loads_code: bool) -> Recipe | None:
