@@ -14,15 +14,16 @@ from numpy.typing import NDArray
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.installation import flown_program
 from wil_campaign.orchestrator.recording.errors import RecordingError
-from wil_campaign.orchestrator.recording.mcap.mcap_bodies import digest_of
+from wil_campaign.orchestrator.recording.mcap.mcap_bodies import digest_of, jpeg_of
 from wil_campaign.orchestrator.recording.mcap.mcap_decode import (
     Parts,
     camera_of,
     drawing_of,
     image_of,
 )
-from wil_campaign.orchestrator.recording.mcap.mcap_json import Json
-from wil_campaign.orchestrator.recording.recording_facts import scene_digest, world_in
+from wil_campaign.orchestrator.recording.mcap.mcap_json import Json, bytes_of
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import ImageSettings
+from wil_campaign.orchestrator.recording.recording_facts import campaign_in, scene_digest, world_in
 from wil_campaign.worlds.world_file.world_schema import Mode, Which
 
 if TYPE_CHECKING:  # readers of a recording load the renderer where an image is drawn again
@@ -57,6 +58,23 @@ class RecordedImages:
         """
         drawn = self.drawn(document)
         return image_of(document) if drawn is None else drawn["image"]
+
+    def is_encoded(self, document: Json) -> bool:
+        """Return whether an image is a JPEG or PNG in the recording, or would be, had it to be."""
+        return "format" in document or "drawing" in document["wil"]
+
+    def encoded(self, document: Json) -> tuple[str, bytes]:
+        """Return format and bytes of an image: as recorded, or as JPEG, as they would have been.
+
+        Raises as `image` does.
+        """
+        drawn = self.drawn(document)
+        if drawn is None:
+            return document["format"], bytes_of(document["data"])
+        record = campaign_in(self._facts).get("record")
+        quality = record.get("quality") if isinstance(record, dict) else None
+        wanted = quality if isinstance(quality, int) else ImageSettings().quality
+        return "jpeg", jpeg_of(drawn["image"], wanted)
 
     def drawn(self, document: Json) -> Parts | None:
         """Return an image that is not in the recording, by part; None for one that is.

@@ -35,7 +35,7 @@ class DrawnEffects:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """What an image was drawn of, beside its scene and its lens: drawn again it is equal, bit by bit.
+    """What an image was drawn of, beside its scene and its lens; drawn again it is the same image.
 
     camera_pose: FRD axes, NED world. moving: the poses of the scene's moving bodies, in its order.
     effects: of the camera; None for an ideal one.

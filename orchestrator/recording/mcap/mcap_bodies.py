@@ -77,12 +77,17 @@ def camera_body(reading: CameraReading, images: ImageSettings, parts: list[str])
         return raw_image(image, facts)
     if images.format == "png":
         # level 1: higher ones take three times as long for a few percent
-        coded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1]
+        coded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
     else:
-        coded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, images.quality])[1]
+        coded = jpeg_of(image, images.quality)
     facts["exact"] = images.format == "png"
     fields = {"format": images.format, "wil": facts}
-    return "foxglove.CompressedImage", fields, coded.tobytes()
+    return "foxglove.CompressedImage", fields, coded
+
+
+def jpeg_of(image_bgr: NDArray[Any], quality: int) -> bytes:
+    """Return an image as JPEG. quality: 1 to 100."""
+    return cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
 
 
 def drawing_body(reading: CameraReading, drawing: Drawing) -> Body:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from mcap.records import Channel
 from numpy.typing import NDArray
 
 from wil_campaign.foundation.files.images import decode_image
@@ -37,6 +38,16 @@ from wil_campaign.worlds.frames import Pose
 
 Parts = Mapping[str, NDArray[Any]]
 """Arrays of an image: "depth", "ids" and, of one that was drawn again, "image"."""
+
+
+def is_reading(channel: Channel) -> bool:
+    """Return whether a channel's messages are readings, or images that are drawn again."""
+    return channel.metadata.get("part") in {"reading", "drawing"}
+
+
+def reading_topic(channel: Channel) -> str:
+    """Return the topic of a channel's readings, which that of drawings has below it."""
+    return f"/{channel.metadata['source']}/{channel.metadata['sensor']}"
 
 
 def decode(document: Json, parts: Parts) -> Reading:
