@@ -22,8 +22,7 @@ from wil_campaign.orchestrator.recording.mcap.mcap_decode import (
     image_of,
 )
 from wil_campaign.orchestrator.recording.mcap.mcap_json import Json, bytes_of
-from wil_campaign.orchestrator.recording.mcap.mcap_settings import ImageSettings
-from wil_campaign.orchestrator.recording.recording_facts import campaign_in, scene_digest, world_in
+from wil_campaign.orchestrator.recording.recording_facts import quality_in, scene_digest, world_in
 from wil_campaign.worlds.world_file.world_schema import Mode, Which
 
 if TYPE_CHECKING:  # readers of a recording load the renderer where an image is drawn again
@@ -71,10 +70,7 @@ class RecordedImages:
         drawn = self.drawn(document)
         if drawn is None:
             return document["format"], bytes_of(document["data"])
-        record = campaign_in(self._facts).get("record")
-        quality = record.get("quality") if isinstance(record, dict) else None
-        wanted = quality if isinstance(quality, int) else ImageSettings().quality
-        return "jpeg", jpeg_of(drawn["image"], wanted)
+        return "jpeg", jpeg_of(drawn["image"], quality_in(self._facts))
 
     def drawn(self, document: Json) -> Parts | None:
         """Return an image that is not in the recording, by part; None for one that is.

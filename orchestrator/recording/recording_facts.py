@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from wil_campaign.foundation.files.documents import Data, parse
 from wil_campaign.orchestrator.installation import flown_program
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import ImageSettings
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.model.recipe import Recipe
 from wil_campaign.safety.fence.fence_values import fence_of_plain, plain_fence
@@ -108,6 +109,13 @@ def campaign_in(facts: Mapping[str, str]) -> dict[str, Data]:
     """Return a recording's campaign file as flown; empty in older recordings."""
     found: dict[str, Data] = json.loads(facts.get("campaign", "{}"))
     return found
+
+
+def quality_in(facts: Mapping[str, str]) -> int:
+    """Return the quality of a recording's JPEG images."""
+    record = campaign_in(facts).get("record")
+    quality = record.get("quality") if isinstance(record, dict) else None
+    return quality if isinstance(quality, int) else ImageSettings().quality
 
 
 def fences_in(facts: Mapping[str, str]) -> dict[str, Fence]:
