@@ -44,7 +44,7 @@ def facts_of(setup: "RunSetup") -> dict[str, str]:
     }
     if plan.files.world is not None:
         facts["world"] = json.dumps(plan.files.world.data, default=str)
-        facts["world_file"] = str(plan.files.world.path)
+        facts["world_file"] = str(setup.order.own_path(plan.files.world.path))
     if any(camera.source is None for one in setup.with_sensors for camera in one.cameras):
         # By these a reader says why it cannot draw an image again.
         facts["program"] = flown_program()
@@ -70,7 +70,7 @@ def facts_of(setup: "RunSetup") -> dict[str, str]:
     if recipe is not None and plan.mode == "wil":
         # JSON is YAML: the recipe as it was flown, with the overrides of the case.
         facts["recipe"] = json.dumps(recipe.document.data)
-        facts["recipe_file"] = str(recipe.document.path)
+        facts["recipe_file"] = str(setup.order.own_path(recipe.document.path))
     return facts
 
 

@@ -116,7 +116,7 @@ def test_an_image_through_lens_and_effects_is_drawn_again_to_the_bit(tmp_path: P
         assert_same(before, after)
     effects = [one.drawing.effects for one in flown if one.drawing is not None]
     assert any(one is not None and max(map(abs, one.streak_px)) > 1.0 for one in effects)
-    assert len({one.drawing.moving for one in flown if one.drawing is not None}) > 5
+    assert len({one.drawing.moving for one in flown if one.drawing is not None}) > 3
     assert (tmp_path / "run.mcap").stat().st_size < 20_000
 
 
