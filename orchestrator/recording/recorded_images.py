@@ -84,21 +84,10 @@ class RecordedImages:
         drawer = self._drawer(source)
         why = self._refused.get(source, "")
         if drawer is not None:
-            digests = wil["drawing"]["crc32"]
-            intrinsics, _ = camera_of(document)
-            image = drawer.again.image(
-                drawing_of(wil["drawing"]),
-                intrinsics,
-                want_depth="depth" in digests,
-                want_ids="ids" in digests,
-            )
-            found = {"image": image.image_bgr, "depth": image.depth_m, "ids": image.object_ids}
-            parts = {part: array for part, array in found.items() if array is not None}
-            if {part: digest_of(array) for part, array in parts.items()} == digests:
-                for array in parts.values():
-                    array.setflags(write=False)
-                return parts
-            why = self._refused[source] = self._why_other(source, drawer)
+            found = _draw(drawer.again, document)
+            if found is not None:
+                return found
+            why = self._why_other(source, drawer)
         raise NotDrawnAgainError(
             f"the image of {name} at {wil['t_s']:.3f} s is not in the recording and cannot be "
             f"drawn again: {why}"
@@ -129,6 +118,25 @@ class RecordedImages:
             whys.append(f"it was flown by {flown}, and this is {here}")
         why = " and ".join(whys) or "this machine or its libraries draw differently"
         return f"it would not be the same image; {why}"
+
+
+def _draw(again: "DrawnAgain", document: Json) -> Parts | None:
+    """Return an image that is drawn again, by part; None where it is another than in flight."""
+    wanted, digests = document["wil"]["drawing"], document["wil"]["drawing"]["crc32"]
+    drawing, (intrinsics, _) = drawing_of(wanted), camera_of(document)
+    try:
+        image = again.image(
+            drawing, intrinsics, want_depth="depth" in digests, want_ids="ids" in digests
+        )
+    except ValueError:  # other bodies move
+        return None
+    found = {"image": image.image_bgr, "depth": image.depth_m, "ids": image.object_ids}
+    parts = {part: array for part, array in found.items() if array is not None}
+    if {part: digest_of(array) for part, array in parts.items()} != digests:
+        return None
+    for array in parts.values():
+        array.setflags(write=False)
+    return parts
 
 
 @lru_cache(maxsize=4)

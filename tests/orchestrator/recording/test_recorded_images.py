@@ -56,6 +56,7 @@ WORLD = """{
   }
 }"""
 OTHER = WORLD.replace("4, 3]", "4, 2.9]")
+EMPTY = WORLD[: WORLD.index('"walker"')].rstrip(", \n") + "}}"
 FACTS = {"world": WORLD, "world_file": "world.yaml", "mode": "wil"}
 BARREL = replace(Intrinsics.from_fov(160, 120, 1.2), distortion=(-0.28, 0.07, 0.0008, -0.0005, 0.0))
 SHAKY = CameraQuality(3.0, 0.9, 4.0, exposure_s=0.04, latency_s=0.05, jitter_s=0.004)
@@ -70,8 +71,9 @@ def drawn(quality: CameraQuality = SHAKY, side: Source = "twin") -> list[CameraR
         loop, history = asyncio.get_running_loop(), PoseHistory(2.0)
         world = world_in(FACTS)
         assert world is not None
+        scene = world.scene(*(("real", "W") if side == "real" else ("wil", "Wv")))
         camera = RenderedCamera(
-            source=ThroughLens(WorldImages(scene=world.scene("wil", "Wv"), events={"goal": 0.3})),
+            source=ThroughLens(WorldImages(scene=scene, events={"goal": 0.3})),
             history=history,
             intrinsics=BARREL,
             rate_hz=10.0,
@@ -146,6 +148,7 @@ def test_an_image_from_elsewhere_and_a_mixture_are_recorded(tmp_path: Path) -> N
     [
         ({}, "the recording has no world"),
         ({"mode": "wil", "world": '{"schema": "wil/world/1"}'}, "its world cannot be read"),
+        ({**FACTS, "world": EMPTY}, "it was flown by an unknown version"),
         ({**FACTS, "world": OTHER}, "it was flown by an unknown version"),
         (
             {**FACTS, "world": OTHER, "program": flown_program()},
