@@ -169,8 +169,9 @@ def test_an_image_that_is_drawn_again_is_encoded_as_it_would_have_been_recorded(
     raw = decoded(tmp_path / "raw.mcap")["/camera/image_raw"]
     assert [bytes(image.data) for image in raw] == [one.image_bgr.tobytes() for one in flown]
 
-    recorded_without_images(tmp_path / "run.mcap", flown, {"mode": "wil"})
-    assert export(tmp_path, tmp_path / "none.mcap") == 2
+    without = tmp_path / "without.mcap"
+    recorded_without_images(without, flown, {"mode": "real"})
+    assert export(without, tmp_path / "none.mcap") == 2
     assert "cannot be drawn again: the recording has no world" in capsys.readouterr().err
     assert not (tmp_path / "none.mcap").exists()
 
