@@ -20,10 +20,10 @@ from wil_campaign.orchestrator.recording.mcap.mcap_settings import (
     EXACT,
     RecordingSettings,
 )
-from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading, Recording
 from wil_campaign.orchestrator.recording.recorded_images import NotDrawnAgainError
 from wil_campaign.orchestrator.recording.recording_facts import world_in
 from wil_campaign.orchestrator.recording.run_video import make_video
+from wil_campaign.plugins.python.mcap_reader import RecordedReading, Recording
 from wil_campaign.vehicles.cameras.rendered_cameras import (
     CameraQuality,
     OnDemandCamera,
