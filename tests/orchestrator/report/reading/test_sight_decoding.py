@@ -35,7 +35,7 @@ def test_the_vehicle_of_an_image_is_that_of_its_source(source: Source, vehicle: 
     assert frame.view.vehicle == vehicle
 
 
-def test_an_image_that_cannot_be_drawn_again_is_a_problem_said_once() -> None:
+def test_images_that_cannot_be_drawn_again_are_one_problem_of_the_report() -> None:
     settings = RecordingSettings(real=ImageSettings(keeps_drawn=False))
     encoder = Encoder(epoch_s=0.0, settings=settings)
     drawn = replace(camera(1, "real"), drawing=Drawing(Pose((0.0, 0.0, 0.0))))
