@@ -308,3 +308,48 @@ def test_a_list_or_table_begins_after_a_blank_line(page: Path) -> None:
         first, *rest = block.strip("\n").splitlines() or [""]
         if not first.startswith((" ", "#")) and not begins.match(first):
             assert [line for line in rest if begins.match(line)] == [], block
+
+
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.rglob("*.md")]
+COMMITTED = [path for path in PAGES if path not in {generate.API, generate.LISTS}]
+LINK = re.compile(r"\]\((?!https?:|mailto:)([^)#\s]*)(?:#([^)\s]+))?\)")
+
+
+def without_code(page: Path) -> str:
+    return re.sub(r"(?ms)^ *```.*?^ *```$|`[^`\n]+`", "", page.read_text("utf-8"))
+
+
+def anchors(page: Path) -> set[str]:
+    text = re.sub(r"(?ms)^```.*?^```$", "", page.read_text("utf-8"))
+    return {generate.slug(title.strip()) for title in re.findall(r"(?m)^#+ (.+)$", text)}
+
+
+@pytest.mark.parametrize("page", COMMITTED, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_no_link_of_a_committed_page_is_dead_in_a_clone(page: Path) -> None:
+    """A clone has no generated page; the site links what names them (docs/generate.py)."""
+    for name, anchor in LINK.findall(without_code(page)):
+        target = Path(os.path.normpath(page.parent / name)) if name else page
+        assert target.exists(), name
+        assert target not in {generate.API, generate.LISTS}, name
+        if anchor and target.suffix == ".md":
+            assert anchor in anchors(target), f"{name}#{anchor}"
+
+
+def test_the_site_links_what_names_a_generated_page() -> None:
+    """`mkdocs build --strict` says whether the links of the site lead somewhere."""
+
+    class Page:
+        class file:  # noqa: N801 - as MkDocs names it
+            src_uri = "oracles.md"
+
+    oracles = generate.on_page_markdown("`wil-campaign list oracles` has keys", Page())
+    assert (
+        oracles == "[`wil-campaign list oracles`](lists.md#oracles-and-the-keys-of-each) has keys"
+    )
+    shown = generate.on_page_markdown("[its names](../wil_campaign/api.py)", Page())
+    assert shown == "[`wil_campaign/api.py`](api.md)"
+    kept = "```sh\n`wil-campaign list oracles`\n```"
+    assert generate.on_page_markdown(kept, Page()) == kept
+    pages = "".join(page.read_text("utf-8") for page in DOCS.glob("*.md"))
+    named = [name for name in generate.PRINTED if name in pages or f"(../{name[1:-1]})" in pages]
+    assert named == list(generate.PRINTED), "a page names each"
