@@ -311,6 +311,17 @@ def test_a_list_or_table_begins_after_a_blank_line(page: Path) -> None:
             assert [line for line in rest if begins.match(line)] == [], block
 
 
+@pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda page: page.name)
+def test_a_table_has_a_header_and_its_columns_in_each_row(page: Path) -> None:
+    """A blank line within a table would end it: the rows after it are text then."""
+    text = re.sub(r"(?ms)^ *```.*?^ *```$", "", page.read_text("utf-8"))
+    for table in re.findall(r"(?m)^\|.*\n(?:\|.*\n?)*", text):
+        first, second, *rows = re.sub(r"`[^`\n]*`", "", table).splitlines()
+        assert set(second) <= set("|-"), table
+        cells = [row.count("|") for row in (first, second, *rows)]
+        assert len(set(cells)) == 1, table
+
+
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.rglob("*.md")]
 COMMITTED = [path for path in PAGES if path not in {generate.API, generate.LISTS}]
 LINK = re.compile(r"\]\((?!https?:|mailto:)([^)#\s]*)(?:#([^)\s]+))?\)")
