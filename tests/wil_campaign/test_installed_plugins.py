@@ -779,8 +779,9 @@ for words in {words}:
 import wil_campaign
 for folder in Path({out!r}).glob("*/*"):
     print("written:", *((folder / name).exists() for name in ("report.html", "statistics.json")))
+for name in ("BadInput", "run", "Recording", "Study"):
     try:
-        wil_campaign.read_results(folder).study()
+        print("named:", getattr(wil_campaign, name).__name__)
     except ImportError as error:
         print(error)
 """
@@ -911,6 +912,8 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     assert "which is not installed: pip install " in done.stderr
     line = r"search-gate\.yaml:\d+:\d+: 'search' is of the plugin search, which is not installed: "
     assert re.search(line, done.stderr)
-    assert "written: True False\n" in done.stdout  # of the run: report.html, statistics.json
-    assert "'Study' is of the plugin statistics, which is not installed: pip " in done.stdout
+    # Of the run: report.html, statistics.json.
+    assert "written: True False\nnamed: BadInput\n" in done.stdout
+    for name, plugin in (("run", "python"), ("Recording", "python"), ("Study", "statistics")):
+        assert f"'{name}' is of the plugin {plugin}, which is not installed: pip " in done.stdout
     assert absent(hooks.commands) == {}
