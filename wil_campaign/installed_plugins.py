@@ -56,6 +56,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
         "recording_formats": ("ros2",),
         "starter_options": ("ros2",),
     },
+    "run_images": {"report_images": ("card", "gif")},
     "search": {"campaign_keys": ("search",), "commands": ("search",)},
     "simulator": {"image_sources": ("simulator",)},
     "standalone": {"commands": ("vehicle",)},

@@ -42,6 +42,7 @@ HOOKS = {
     "recipe_formats",
     "recipe_steps",
     "recording_formats",
+    "report_images",
     "report_sections",
     "run_observers",
     "run_options",
@@ -888,6 +889,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
         ),
     ]
     words.append(["validate", str(write_recipe_of_steps(tmp_path))])
+    words += [["report", str(tmp_path), f"--{name}"] for name in shipped("report_images")]
     done = subprocess.run(  # noqa: S603 - our own interpreter
         [sys.executable, "-P", "-c", ABSENT.format(words=words, out=str(tmp_path / "out"))],
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
@@ -902,8 +904,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     hooks_of_rest = (
         *("operator_channels", "run_options", "autonomy_kinds", "run_observers", "oracles"),
         *("image_sources", "sources", "mesh_formats", "recipe_steps", "problem_formats"),
-        "recording_formats",
-        "motion_captures",
+        *("recording_formats", "motion_captures", "report_images"),
     )
     named += [name for hook in hooks_of_rest for name in shipped(hook)]
     assert codes[3:] == [2] * (len(words) - 3)
