@@ -11,7 +11,7 @@ import numpy as np
 from mcap.records import Message
 from numpy.typing import NDArray
 
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import image_of
+from wil_campaign.orchestrator.recording.recorded_images import RecordedImages
 from wil_campaign.orchestrator.report.reading.recorded_sights import RecordedSight, read_sights
 from wil_campaign.vehicles.perception.depth_colors import color_depth
 from wil_campaign.vehicles.readings import BgrImage
@@ -28,10 +28,14 @@ class ImagesAtTime:
 
 
 def read_images(run: Path, *, mode: str, wanted_s: Sequence[float]) -> list[ImagesAtTime]:
-    """Return the images of a run's folder at each wanted time, as far as they are recorded."""
+    """Return the images of a run's folder at each wanted time, as far as they are recorded.
+
+    Raises NotDrawnAgainError.
+    """
     found = read_sights(run / "run.mcap", mode=mode, wanted_s=wanted_s)
+    drawn = RecordedImages(found.facts)
     for sights in found.sights.values():
-        shown = [_decode_sight(sight, mode) for sight in sights]
+        shown = [_decode_sight(sight, mode, drawn) for sight in sights]
         if any(images_at_time.images_bgr for images_at_time in shown):
             return [images_at_time for images_at_time in shown if images_at_time.images_bgr]
     return []
@@ -49,19 +53,20 @@ def _difference(images: ImagesAtTime) -> float:
     return float(cv2.absdiff(real, mixed).mean())
 
 
-def _decode_sight(sight: RecordedSight, mode: str) -> ImagesAtTime:
-    images = dict(_decode(sight.beside))
-    images |= {_ALONE.get(mode, "mixed"): image for _, image in _decode((sight.perceived,))}
+def _decode_sight(sight: RecordedSight, mode: str, drawn: RecordedImages) -> ImagesAtTime:
+    images = dict(_decode(sight.beside, drawn))
+    perceived = _decode((sight.perceived,), drawn)
+    images |= {_ALONE.get(mode, "mixed"): image for _, image in perceived}
     return ImagesAtTime(sight.wanted_s, images)
 
 
-def _decode(messages: Sequence[Message]) -> Iterator[tuple[str, BgrImage]]:
+def _decode(messages: Sequence[Message], drawn: RecordedImages) -> Iterator[tuple[str, BgrImage]]:
     for message in messages:
         try:
             document = json.loads(message.data)
             kind = document["wil"]["type"]
             if kind in {"camera", "depth"}:
-                image = image_of(document)
+                image = drawn.image(document)
                 yield str(document["wil"]["source"]), _as_bgr(image, is_depth=kind == "depth")
         except (KeyError, ValueError, TypeError, AttributeError, cv2.error):
             continue  # a reading of another type, or of another program
