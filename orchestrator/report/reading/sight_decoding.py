@@ -96,7 +96,8 @@ def _decode(message: Message, width_px: int, quality: int, epoch_ns: int) -> Fra
     wil = document["wil"]
     if wil["type"] in {"camera", "depth"}:
         image = image_of(document)
-        bgr = color_depth(image) if wil["type"] == "depth" else image
+        is_depth = wil["type"] == "depth"
+        bgr = color_depth(image) if is_depth else image
         frame = frame_of(
             bgr,
             source=str(wil["source"]),
@@ -105,7 +106,7 @@ def _decode(message: Message, width_px: int, quality: int, epoch_ns: int) -> Fra
             width_px=width_px,
             quality=quality,
         )
-        return replace(frame, view=_view(document))
+        return replace(frame, view=_view(document), is_depth=is_depth)
     if wil["type"] == "lidar":
         return _scan(document, delivered_s)
     return None
