@@ -217,9 +217,9 @@ def _usage_error(error: CycloptsError) -> object:
 
     command = " ".join(("wil-campaign", *(error.command_chain or ())))
     text = str(error)
-    if isinstance(error, MissingArgumentError) and error.argument is not None:
-        if error.keyword is None and not error.argument.tokens:
-            text = f"{command} needs {error.argument.name.lstrip('-').upper()}."
+    # An option that has no value is named as it was given, and has a keyword.
+    if isinstance(error, MissingArgumentError) and error.argument and not error.keyword:
+        text = f"{command} needs {error.argument.name.lstrip('-').upper()}."
     return Text(f"{text}\nnext: {command} --help")
 
 
