@@ -388,7 +388,7 @@ def test_a_twin_that_dropped_out_and_reported_oracles_are_noted() -> None:
             "The twin dropped out 5.50 s after the goal was given, 0.50 s before the decisive "
             "event: the guard landed it"
         ),
-        "Reported oracles that did not pass: collision of twin FAIL (touched cage.floor)",
+        "Reported only, without a say in the verdict: collision of twin FAIL (touched cage.floor)",
     )
     passed = replace(failed(replace(floor, verdict="PASS")), verdict="PASS")
     assert notes_of(passed, at_s=None, goal_s=2.0) == ()
