@@ -19,7 +19,7 @@ import pytest
 from pymavlink import mavutil
 
 import wil_campaign
-from tests.orchestrator.api.test_python_docs import BLOCKS
+from tests.plugins.python.test_python_docs import BLOCKS
 from wil_campaign.vehicles.faults import FaultError
 
 WITHIN_S = 30.0
