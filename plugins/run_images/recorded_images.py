@@ -21,10 +21,14 @@ _ALONE = {"sim": "twin", "real": "real"}
 
 @dataclass(frozen=True, slots=True)
 class ImagesAtTime:
-    """The images of a time, by source: real, twin and mixed, or the one that was perceived."""
+    """The images of a time, by source: real, twin and mixed, or the one that was perceived.
+
+    is_depth: their colours are those of depths.
+    """
 
     t_s: float
     images_bgr: Mapping[str, BgrImage]
+    is_depth: bool = False
 
 
 def read_images(run: Path, *, mode: str, wanted_s: Sequence[float]) -> list[ImagesAtTime]:
@@ -54,20 +58,25 @@ def _difference(images: ImagesAtTime) -> float:
 
 
 def _decode_sight(sight: RecordedSight, mode: str, drawn: RecordedImages) -> ImagesAtTime:
-    images = dict(_decode(sight.beside, drawn))
-    perceived = _decode((sight.perceived,), drawn)
-    images |= {_ALONE.get(mode, "mixed"): image for _, image in perceived}
-    return ImagesAtTime(sight.wanted_s, images)
+    beside = list(_decode(sight.beside, drawn))
+    perceived = list(_decode((sight.perceived,), drawn))
+    images = {source: image for source, image, _ in beside}
+    images |= {_ALONE.get(mode, "mixed"): image for _, image, _ in perceived}
+    return ImagesAtTime(sight.wanted_s, images, any(is_depth for *_, is_depth in perceived))
 
 
-def _decode(messages: Sequence[Message], drawn: RecordedImages) -> Iterator[tuple[str, BgrImage]]:
+def _decode(
+    messages: Sequence[Message], drawn: RecordedImages
+) -> Iterator[tuple[str, BgrImage, bool]]:
+    """Yield the source and the colours of each image, and whether they are those of depths."""
     for message in messages:
         try:
             document = json.loads(message.data)
             kind = document["wil"]["type"]
             if kind in {"camera", "depth"}:
-                image = drawn.image(document)
-                yield str(document["wil"]["source"]), _as_bgr(image, is_depth=kind == "depth")
+                is_depth = kind == "depth"
+                image = _as_bgr(drawn.image(document), is_depth=is_depth)
+                yield str(document["wil"]["source"]), image, is_depth
         except (KeyError, ValueError, TypeError, AttributeError, cv2.error):
             continue  # a reading of another type, or of another program
 
