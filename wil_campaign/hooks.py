@@ -284,6 +284,24 @@ class SensorKind:
 
 
 @dataclass(frozen=True, slots=True)
+class AutopilotKind:
+    """An autopilot, which campaigns name.
+
+    name: in campaigns. strategy: a class derived from `Autopilot`: its messages, failsafes, fence.
+    emulation: one derived from `EmulatedAutopilot`, which flies embedded vehicles. launch: a class
+    derived from `LaunchPart`, the `link` of a vehicle whose own simulation is launched; empty for
+    none. injection: the `Rules` by which it acts on messages of `inject`; empty where the plugin
+    injection has them.
+    """
+
+    name: str
+    strategy: str
+    emulation: str
+    launch: str = ""
+    injection: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class ReportSection:
     """A section of the report of a campaign, in front of its runs.
 
@@ -440,6 +458,11 @@ def engines() -> Sequence[Engine]:  # type: ignore[empty-body]
 @_hook
 def recipe_formats() -> Sequence[RecipeFormat]:  # type: ignore[empty-body]
     """Return formats of recipe files."""
+
+
+@_hook
+def autopilots() -> Sequence[AutopilotKind]:  # type: ignore[empty-body]
+    """Return autopilots, which fly vehicles."""
 
 
 @_hook

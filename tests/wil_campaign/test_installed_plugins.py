@@ -28,6 +28,7 @@ from wil_campaign.vehicles.readings import kinds
 HOOKS = {
     "announcers",
     "autonomy_kinds",
+    "autopilots",
     "campaign_keys",
     "commands",
     "drivers",

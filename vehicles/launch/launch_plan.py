@@ -1,10 +1,17 @@
 """The plan of a simulator's launch: command, link, and the output that shows readiness; pure."""
 
+import os
+import shutil
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Annotated, ClassVar, Literal
 
+from pydantic import Field
+
+from wil_campaign.foundation.files.documents import Part
+from wil_campaign.foundation.files.paths import exists, expanded, is_folder
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 
@@ -61,22 +68,65 @@ def parameter_text(value: float) -> str:
     return str(int(value)) if float(value).is_integer() else f"{value:.9g}"
 
 
-class Launch(Protocol):
-    """A kind of simulator that can be launched several times on one machine (protocol)."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Launch(ABC):
+    """A kind of simulator that can be launched several times on one machine.
 
-    @property
-    def label(self) -> str:
-        """Return the launch's name in messages."""
+    pace: how many times real time its clock runs, if the machine can. params: boot parameters.
+    """
 
-    @property
-    def instances(self) -> int:
-        """Return how many instances of the launch port numbers allow."""
+    label: ClassVar[str]
+    """Its name in messages."""
+    instances: ClassVar[int]
+    """How many of them port numbers allow."""
+    pace_key: ClassVar[str]
+    """The key of its `link` that has its pace."""
 
+    pace: float = 1.0
+    home: Home | None = None
+    params: BootParams = ()
+
+    @abstractmethod
     def check(self) -> None:
         """Raise LaunchError when something that the launch needs is missing; starts nothing."""
 
+    @abstractmethod
     def ports(self, instance: int) -> tuple[Port, ...]:
         """Return the ports that an instance of the launch binds."""
 
+    @abstractmethod
     def plan(self, *, instance: int, system_id: int, folder: Path) -> LaunchPlan:
         """Return the launch plan of an instance that runs in `folder`."""
+
+
+Text = Annotated[str, Field(min_length=1)]
+Pace = Annotated[float, Field(gt=0, le=100)]
+
+
+class LaunchPart(Part):
+    """A vehicle's `link` that launches a simulation of its autopilot, which `launch` names."""
+
+    launch: str
+
+    def setup(self, folder: Path) -> Launch:
+        """Return the launch that a campaign in a folder asks for, without parameters."""
+        raise NotImplementedError
+
+
+def beside(folder: Path, text: str) -> Path:
+    """Return a file's path relative to the campaign's folder, or to the home by ~."""
+    return (folder / expanded(Path(text))).absolute()
+
+
+def executable(path: Path, label: str, remedy: str) -> str:
+    """Return a launched program's absolute path, PATH included. Raises LaunchError."""
+    found = shutil.which(str(path))
+    if found is not None:
+        return str(Path(found).absolute())
+    if not exists(path):
+        raise LaunchError(f"{label}: there is no program {path}; {remedy}, or correct the path")
+    if is_folder(path):
+        raise LaunchError(f"{label}: {path} is a folder; name the program in it")
+    if not os.access(path, os.X_OK):
+        raise LaunchError(f"{label}: {path} is not executable; run 'chmod +x {path}'")
+    raise LaunchError(f"{label}: {path} cannot be executed")

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from contextlib import AsyncExitStack
 from dataclasses import replace
 
-from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup, SitlLaunch
+from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
 from wil_campaign.foundation.tasks import start, stop
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
-from wil_campaign.vehicles.launch.launch_plan import Home
+from wil_campaign.vehicles.launch.launch_plan import Home, Launch
 from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch
 
 _READY_S = 60.0
@@ -50,7 +50,7 @@ async def start_simulators(name: str, prepared: PreparedLaunch, guard: RemoteGua
         await stop(end)
 
 
-def _at_start(launch: SitlLaunch, setup: RunSetup, vehicle: FlownSetup) -> SitlLaunch:
+def _at_start(launch: Launch, setup: RunSetup, vehicle: FlownSetup) -> Launch:
     """Return the simulator's launch at the vehicle's start in the world."""
     place = setup.case.world.frame.to_geodetic(vehicle.start.position_ned_m)
     home = Home(

@@ -12,7 +12,7 @@ from wil_campaign.orchestrator.run.vehicles.simulator_launch import start_simula
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.safety.evaluation.judge import ground_objects
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
-from wil_campaign.vehicles.autopilots.failsafes import SILENCE_PARAMETERS
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.physics.contact_world import SceneContactWorld, as_argument
 from wil_campaign.vehicles.embedded.process.embedded_launch import FeedClient
@@ -101,7 +101,10 @@ class InProcessBackend:
                 latitude_deg=frame.latitude_deg,
                 longitude_deg=frame.longitude_deg,
                 altitude_m=frame.altitude_m,
-                parameters={**SILENCE_PARAMETERS[vehicle.autopilot], **vehicle.params},
+                parameters={
+                    **autopilot_named(vehicle.autopilot).failsafes.on_silence,
+                    **vehicle.params,
+                },
             ),
             link=self._far[vehicle.name],
             seed=vehicle_seed(setup.seed, vehicle.name),
@@ -201,7 +204,10 @@ class SubprocessBackend:
             latitude_deg=frame.latitude_deg,
             longitude_deg=frame.longitude_deg,
             altitude_m=frame.altitude_m,
-            parameters={**SILENCE_PARAMETERS[vehicle.autopilot], **vehicle.params},
+            parameters={
+                **autopilot_named(vehicle.autopilot).failsafes.on_silence,
+                **vehicle.params,
+            },
             truth_hz=TRUTH_HZ,
             running_s=_RUNNING_S,
             end_with_stdin=True,
@@ -239,3 +245,8 @@ def vehicle_seed(seed: int, name: str) -> int:
 def _source_of(vehicle: FlownSetup) -> Literal["real", "twin"]:
     """Return the source named in an embedded vehicle's readings; those of an actor are unused."""
     return "real" if vehicle.name == "real" else "twin"
+
+
+def _parameters(vehicle: FlownSetup) -> dict[str, float]:
+    """Return an embedded vehicle's parameters: it lands on link loss, unless the campaign's say."""
+    return {**autopilot_named(vehicle.autopilot).failsafes.on_silence, **vehicle.params}
