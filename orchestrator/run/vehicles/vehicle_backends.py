@@ -101,10 +101,7 @@ class InProcessBackend:
                 latitude_deg=frame.latitude_deg,
                 longitude_deg=frame.longitude_deg,
                 altitude_m=frame.altitude_m,
-                parameters={
-                    **autopilot_named(vehicle.autopilot).failsafes.on_silence,
-                    **vehicle.params,
-                },
+                parameters=_parameters(vehicle),
             ),
             link=self._far[vehicle.name],
             seed=vehicle_seed(setup.seed, vehicle.name),
@@ -204,10 +201,7 @@ class SubprocessBackend:
             latitude_deg=frame.latitude_deg,
             longitude_deg=frame.longitude_deg,
             altitude_m=frame.altitude_m,
-            parameters={
-                **autopilot_named(vehicle.autopilot).failsafes.on_silence,
-                **vehicle.params,
-            },
+            parameters=_parameters(vehicle),
             truth_hz=TRUTH_HZ,
             running_s=_RUNNING_S,
             end_with_stdin=True,
