@@ -138,7 +138,7 @@ def _spare(text: str) -> str:
 
 
 def _any_launch() -> Any:
-    parts = [*loaded(autopilots, "launch").values()]
+    parts = [part for _, part in sorted(loaded(autopilots, "launch").items())]
     if len(parts) == 1:
         return parts[0]
     either: Any = reduce(or_, parts)
