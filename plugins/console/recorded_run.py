@@ -23,11 +23,11 @@ from wil_campaign.orchestrator.reading.model import Commanded
 from wil_campaign.orchestrator.reading.trajectory_file import read_trajectory
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME as JUDGED
-from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading, Recording
 from wil_campaign.orchestrator.recording.recording_facts import fences_in
 from wil_campaign.orchestrator.report.model import LogEvent
 from wil_campaign.orchestrator.report.reading.event_log import read_event_log
 from wil_campaign.plugins.console.playback import Playback
+from wil_campaign.plugins.python.mcap_reader import RecordedReading, Recording
 from wil_campaign.safety.evaluation.judge_log import JudgeLogError, read_judge_log
 from wil_campaign.safety.fence.fence_values import plain_fence
 from wil_campaign.safety.model.oracle_results import OracleResult

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from wil_campaign.foundation.files.paths import is_file, is_folder
 from wil_campaign.orchestrator.recording.errors import RecordingError
-from wil_campaign.orchestrator.recording.mcap_reader import Recorded, RecordedReading, Recording
 from wil_campaign.orchestrator.recording.recording_facts import latencies_in
 from wil_campaign.plugins.offline.errors import OfflineError
+from wil_campaign.plugins.python.mcap_reader import Recorded, RecordedReading, Recording
 from wil_campaign.vehicles.readings import Reading, Source
 
 

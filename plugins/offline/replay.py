@@ -8,13 +8,13 @@ from typing import Any
 
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.foundation.files.problems import printable
-from wil_campaign.orchestrator.recording.mcap_reader import RecordedProvenance, RecordedReading
 from wil_campaign.orchestrator.recording.recording_facts import objects_in, recipe_in
 from wil_campaign.plugins.offline import recorded_inputs
 from wil_campaign.plugins.offline.errors import OfflineError
 from wil_campaign.plugins.offline.file_mixing import names_of
 from wil_campaign.plugins.offline.offline_pairing import MixedPair
 from wil_campaign.plugins.offline.reading_difference import Difference, difference
+from wil_campaign.plugins.python.mcap_reader import RecordedProvenance, RecordedReading
 from wil_campaign.recipes.model.recipe import Recipe
 from wil_campaign.recipes.pipeline.mixture import Mixed
 from wil_campaign.recipes.pipeline.pipeline import Mixer, compile_recipe

@@ -17,11 +17,11 @@ from tests.orchestrator.report import recorded_campaign
 from tests.orchestrator.report.browser import Page, browser, chromium
 from tests.orchestrator.report.recorded_campaign import write_campaign
 from tests.ports import free_port
-from wil_campaign.orchestrator.operator.flight_scope import FlightScope
 from wil_campaign.plugins.console.console_access import ConsoleAccess
 from wil_campaign.plugins.console.console_address import ConsoleAddress, RequestRules
 from wil_campaign.plugins.console.console_hub import ConsoleHub
 from wil_campaign.plugins.console.console_server import ConsoleServer
+from wil_campaign.plugins.console.flight_scope import FlightScope
 from wil_campaign.plugins.console.page_commands import CommandSender
 from wil_campaign.plugins.console.playback import Playback
 from wil_campaign.plugins.console.recorded_run import RecordedRun

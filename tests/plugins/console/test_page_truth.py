@@ -377,9 +377,7 @@ async def test_an_abort_that_one_of_two_campaigns_does_not_confirm_is_red_and_na
     (gate,) = places().campaigns
     with silent_place("hall", short_folder / "hall", short_folder / "hall.sock") as hall:
         flying = Places((gate, hall), ())
-        monkeypatch.setattr(
-            "wil_campaign.orchestrator.operator.flight_scope.places", lambda: flying
-        )
+        monkeypatch.setattr("wil_campaign.plugins.console.flight_scope.places", lambda: flying)
 
         def seen(feed: FakeFeed) -> None:
             page = feed.page
@@ -410,7 +408,7 @@ async def test_an_abort_is_answered_for_each_campaign(
         guard = Place("hall's run", folder / "large/wil/1", gate.socket)
         for guards, ok in (((), False), ((guard,), True)):
             flying = Places((gate, hall), guards)
-            scope = "wil_campaign.orchestrator.operator.flight_scope.places"
+            scope = "wil_campaign.plugins.console.flight_scope.places"
             monkeypatch.setattr(scope, lambda: flying)  # noqa: B023
             done = await console.post(client, "/command", {"command": "abort"})
             reply = await done.json()

@@ -6,8 +6,9 @@ from pathlib import Path
 
 from PIL import Image
 
-from wil_campaign.orchestrator.report.graphics.card import headline_text
-from wil_campaign.orchestrator.report.graphics.drawing import (
+from wil_campaign.orchestrator.report.model import Point, RunReport
+from wil_campaign.plugins.run_images.card import headline_text
+from wil_campaign.plugins.run_images.drawing import (
     DIM,
     FENCE,
     INK,
@@ -15,9 +16,8 @@ from wil_campaign.orchestrator.report.graphics.drawing import (
     VERDICTS,
     Sheet,
 )
-from wil_campaign.orchestrator.report.graphics.plan import PlanBox, draw_plan
-from wil_campaign.orchestrator.report.graphics.recorded_images import ImagesAtTime
-from wil_campaign.orchestrator.report.model import Point, RunReport
+from wil_campaign.plugins.run_images.plan import PlanBox, draw_plan
+from wil_campaign.plugins.run_images.recorded_images import ImagesAtTime
 
 SIZE_PX = (760, 222)
 _MARGIN = 8

@@ -9,8 +9,8 @@ import pytest
 
 from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.orchestrator.operator.campaign_records import CampaignRecord
-from wil_campaign.orchestrator.operator.flight_scope import FlightScope
 from wil_campaign.plugins.console.campaign_poller import CampaignPoller
+from wil_campaign.plugins.console.flight_scope import FlightScope
 from wil_campaign.plugins.console.page_commands import CommandSender, PageCommand
 from wil_campaign.safety.guard.process.orphaned_processes import (
     GuardRecord,

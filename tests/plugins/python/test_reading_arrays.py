@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from tests.recipes.samples import beam, camera, cloud
-from wil_campaign.orchestrator.recording.mcap_reader import arrays_of
+from wil_campaign.plugins.python.mcap_reader import arrays_of
 from wil_campaign.vehicles.readings import PoseReading
 from wil_campaign.worlds.frames import Pose
 

@@ -16,8 +16,8 @@ from tests.orchestrator.conftest import STEP, Fly
 from tests.plugins.pytest.test_pytest_plugin import write_cases
 from tests.plugins.search.searches import SEARCH, write_search
 from tests.test_house import ROOT
-from wil_campaign.orchestrator.api import flying
-from wil_campaign.orchestrator.api.flight_messages import FlightRequest
+from wil_campaign.plugins.python import flying
+from wil_campaign.plugins.python.flight_messages import FlightRequest
 
 PAGE = (ROOT / "docs" / "python.md").read_text("utf-8")
 BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from wil_campaign.campaigns.schema import Mode, VehicleName
-from wil_campaign.campaigns.setup.perceived_cameras import perceived_cameras
+from wil_campaign.plugins.outlets.perceived_cameras import perceived_cameras
 
 SENSORS = "    sensors:\n"
 DOWN = "      down: {type: camera, rate_hz: 5, width_px: 64, height_px: 48, fov_deg: 69}\n"

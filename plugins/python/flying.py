@@ -16,8 +16,12 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, Options, requested_bench
-from wil_campaign.orchestrator.api.campaign_results import CampaignResults, read_results
-from wil_campaign.orchestrator.api.flight_messages import (
+from wil_campaign.orchestrator.campaign.flight_options import USUAL, FlightOptions
+from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL
+from wil_campaign.orchestrator.cli.run_selection import ALL, Choice
+from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.plugins.python.campaign_results import CampaignResults, read_results
+from wil_campaign.plugins.python.flight_messages import (
     CampaignEnded,
     CampaignRefused,
     FlightMessage,
@@ -27,13 +31,9 @@ from wil_campaign.orchestrator.api.flight_messages import (
     decode_message,
     encode_request,
 )
-from wil_campaign.orchestrator.api.loading import load
-from wil_campaign.orchestrator.campaign.flight_options import USUAL, FlightOptions
-from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL
-from wil_campaign.orchestrator.cli.run_selection import ALL, Choice
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.plugins.python.loading import load
 
-_MODULE = "wil_campaign.orchestrator.api.flight_process"
+_MODULE = "wil_campaign.plugins.python.flight_process"
 T = TypeVar("T")
 OnResult = Callable[[RunResult], object]
 OnMessage = Callable[[str], object]

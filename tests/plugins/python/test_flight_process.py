@@ -11,26 +11,26 @@ from typing import Any
 
 import pytest
 
-from wil_campaign.orchestrator.api import flight_process
-from wil_campaign.orchestrator.api.flight_messages import (
-    CampaignEnded,
-    FlightRequest,
-    Message,
-    encode_line,
-    encode_request,
-)
-from wil_campaign.orchestrator.api.flight_process import (
-    MessageWatcher,
-    _fly_campaign,
-    _fly_to_end,
-    _stop_at_end,
-)
 from wil_campaign.orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
     Watcher,
 )
 from wil_campaign.orchestrator.campaign.flight_options import USUAL
 from wil_campaign.orchestrator.cli.run_selection import ALL
+from wil_campaign.plugins.python import flight_process
+from wil_campaign.plugins.python.flight_messages import (
+    CampaignEnded,
+    FlightRequest,
+    Message,
+    encode_line,
+    encode_request,
+)
+from wil_campaign.plugins.python.flight_process import (
+    MessageWatcher,
+    _fly_campaign,
+    _fly_to_end,
+    _stop_at_end,
+)
 
 
 class BrokenInput(io.BytesIO):

@@ -1,10 +1,10 @@
 """The card of a run: its moment as one picture, with verdict, images and plan."""
 
-from wil_campaign.orchestrator.report.graphics.drawing import DIM, SUBJECTS, VERDICTS, Sheet
-from wil_campaign.orchestrator.report.graphics.plan import PlanBox, draw_plan
-from wil_campaign.orchestrator.report.graphics.recorded_images import ImagesAtTime
 from wil_campaign.orchestrator.report.model import RunReport
 from wil_campaign.orchestrator.report.words import short_time
+from wil_campaign.plugins.run_images.drawing import DIM, SUBJECTS, VERDICTS, Sheet
+from wil_campaign.plugins.run_images.plan import PlanBox, draw_plan
+from wil_campaign.plugins.run_images.recorded_images import ImagesAtTime
 
 SIZE_PX = (1200, 675)
 _MARGIN = 32

@@ -9,7 +9,7 @@ import pytest
 from tests.orchestrator.mcap_runs import a_run, assert_same, camera, recorder
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
-from wil_campaign.orchestrator.recording.replay_source import ReplaySource
+from wil_campaign.plugins.python.replay_source import ReplaySource
 from wil_campaign.vehicles.readings import PoseReading, Source
 from wil_campaign.worlds.frames import Pose
 

@@ -8,16 +8,16 @@ import pytest
 from PIL import Image
 
 from tests.orchestrator.report.recorded_campaign import GOAL_S, TOUCHED_S, write_campaign
-from wil_campaign.orchestrator.cli.commands.report import report
+from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
-from wil_campaign.orchestrator.report.graphics.card import SIZE_PX
-from wil_campaign.orchestrator.report.graphics.drawing import SUBJECTS, VERDICTS, Sheet
-from wil_campaign.orchestrator.report.graphics.recorded_images import (
+from wil_campaign.plugins.run_images.card import SIZE_PX
+from wil_campaign.plugins.run_images.drawing import SUBJECTS, VERDICTS, Sheet
+from wil_campaign.plugins.run_images.image_writer import write_card, write_moving_picture
+from wil_campaign.plugins.run_images.recorded_images import (
     ImagesAtTime,
     most_mixed,
     read_images,
 )
-from wil_campaign.orchestrator.report.run_graphics import write_card, write_moving_picture
 
 
 @pytest.fixture
@@ -97,11 +97,11 @@ def test_an_unknown_run_and_one_without_a_folder_are_named(folder: Path) -> None
 def test_the_command_writes_both_and_names_them(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert report(folder, card=True, gif=True) == 0
+    assert main(["report", str(folder), "--card", "--gif"]) == 0
     said = capsys.readouterr().out
     assert f"picture: {folder}/large/wil/1/card.png" in said
     assert f"picture: {folder}/large/wil/1/flight.gif" in said
-    assert report(folder, run="large/wil/1") == 2
+    assert main(["report", str(folder), "--run", "large/wil/1"]) == 2
     assert "--run large/wil/1 needs --card or --gif" in capsys.readouterr().err
 
 

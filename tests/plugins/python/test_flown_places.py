@@ -12,9 +12,9 @@ from tests.plugins.cluster.bench.test_bench_engine import BENCH, write_bench, wr
 from tests.plugins.cluster.bench.test_bench_flight import vehicle_at
 from tests.plugins.pytest.test_pytest_plugin import ARGUMENTS
 from tests.ports import free_port
-from wil_campaign.orchestrator.api import flying
 from wil_campaign.orchestrator.campaign.folder.bench_lock import held_benches
 from wil_campaign.plugins.pytest import pytest_items
+from wil_campaign.plugins.python import flying
 
 
 def refusal(fly: Callable[[], object]) -> tuple[str, int]:

@@ -15,15 +15,6 @@ from pathlib import Path
 from typing import BinaryIO, Self
 
 from wil_campaign.foundation.files.documents import BadInput
-from wil_campaign.orchestrator.api.flight_messages import (
-    CampaignEnded,
-    CampaignRefused,
-    FlightMessage,
-    Message,
-    RunFinished,
-    decode_request,
-    encode_line,
-)
 from wil_campaign.orchestrator.campaign.campaign_runner import fly_campaign
 from wil_campaign.orchestrator.campaign.display_thread import DisplayThread
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
@@ -36,6 +27,15 @@ from wil_campaign.orchestrator.cli.final_report import write_final_report
 from wil_campaign.orchestrator.model.progress import Progress
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.operator.errors import OperatingError
+from wil_campaign.plugins.python.flight_messages import (
+    CampaignEnded,
+    CampaignRefused,
+    FlightMessage,
+    Message,
+    RunFinished,
+    decode_request,
+    encode_line,
+)
 from wil_campaign.safety.guard.process.runtime_folder import RuntimeFolderError
 
 

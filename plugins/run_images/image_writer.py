@@ -5,14 +5,14 @@ from pathlib import Path
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
-from wil_campaign.orchestrator.report.graphics.card import draw_card
-from wil_campaign.orchestrator.report.graphics.moving_picture import frame_times, write_gif
-from wil_campaign.orchestrator.report.graphics.recorded_images import most_mixed, read_images
 from wil_campaign.orchestrator.report.model import RunReport
 from wil_campaign.orchestrator.report.reading.run_reader import read_run
 from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
 from wil_campaign.orchestrator.report.rendering.overview import stand_in
 from wil_campaign.orchestrator.report.rendering.page import decides, went_wrong
+from wil_campaign.plugins.run_images.card import draw_card
+from wil_campaign.plugins.run_images.moving_picture import frame_times, write_gif
+from wil_campaign.plugins.run_images.recorded_images import most_mixed, read_images
 
 CARD = "card.png"
 GIF = "flight.gif"

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator, Collection, Iterator
 from pathlib import Path
 
-from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading, Recording
+from wil_campaign.plugins.python.mcap_reader import RecordedReading, Recording
 from wil_campaign.vehicles.readings import Reading, Source
 
 Delivered = tuple[str, Reading]

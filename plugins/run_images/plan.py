@@ -3,7 +3,8 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from wil_campaign.orchestrator.report.graphics.drawing import (
+from wil_campaign.orchestrator.report.model import Point, RunReport, Track
+from wil_campaign.plugins.run_images.drawing import (
     CARD,
     DIM,
     FENCE,
@@ -11,7 +12,6 @@ from wil_campaign.orchestrator.report.graphics.drawing import (
     SUBJECTS,
     Sheet,
 )
-from wil_campaign.orchestrator.report.model import Point, RunReport, Track
 from wil_campaign.safety.fence.areas import Circle
 from wil_campaign.worlds.frames import Vec3
 
