@@ -144,7 +144,7 @@ WALL = (
     "safety/guard/process",
     "vehicles/driver/test_conformance.py",
     "vehicles/embedded/process",
-    "vehicles/launch",
+    "plugins/firmware",
     "vehicles/links/test_flapping.py",
     "plugins/mavsdk",
     "wil_campaign/foundation/processes/test_other_systems.py",

@@ -11,7 +11,6 @@ def autopilots() -> tuple[AutopilotKind, ...]:
             "px4",
             strategy="wil_campaign.vehicles.autopilots.px4:Px4",
             emulation="wil_campaign.vehicles.embedded.autopilot.px4.px4:Px4",
-            launch="wil_campaign.vehicles.launch.px4:Px4LaunchPart",
         ),
     )
 

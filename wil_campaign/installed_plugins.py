@@ -19,7 +19,7 @@ import pluggy
 from wil_campaign import core_plugin, hooks
 
 SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
-    "ardupilot": {"autopilots": ("ardupilot",)},
+    "ardupilot": {"autopilots": ("ardupilot",), "launches": ("ardupilot",)},
     "calibration": {"commands": ("calibrate",)},
     "cameras": {"image_sources": ("rtsp", "rtp", "v4l2", "images", "video", "mcap")},
     "ci": {"announcers": ("ci",), "problem_formats": ("sarif", "codequality")},
@@ -28,6 +28,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "depth_cameras": {"sources": ("rtp", "realsense")},
     "doctor": {"commands": ("doctor",)},
     "encounters": {"oracles": ("distance", "encounter")},
+    "firmware": {"launches": ("px4",)},
     "foxglove": {"live_views": ("foxglove",)},
     "injection": {"run_observers": ("inject",)},
     "logs": {"starters": ("log",)},

@@ -16,7 +16,7 @@ from wil_campaign.campaigns.schema.vehicles import (
 from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.safety.fence.fence_schema import FencePart
 from wil_campaign.vehicles.embedded.physics.config import Physics
-from wil_campaign.vehicles.launch.launch_plan import Text
+from wil_campaign.vehicles.launch import Text
 
 ActorPoses = Literal["simulator", "mavlink"]
 

@@ -13,12 +13,12 @@ from wil_campaign.campaigns.schema.sensors import SensorPart
 from wil_campaign.campaigns.schema.sources import MocapPart
 from wil_campaign.campaigns.values.external_setups import PoseAccuracy, PoseSource
 from wil_campaign.foundation.files.documents import KeyFaultError, Later, Part
-from wil_campaign.hooks import autopilots, drivers
+from wil_campaign.hooks import autopilots, drivers, launches
 from wil_campaign.installed_plugins import Named, absent, added, loaded
 from wil_campaign.vehicles.command_backends import OWN_FRAMES
 from wil_campaign.vehicles.coupling import Coupling
 from wil_campaign.vehicles.embedded.physics.config import Physics
-from wil_campaign.vehicles.launch.launch_plan import LaunchPart, Pace, Text
+from wil_campaign.vehicles.launch import LaunchPart, Pace, Text
 from wil_campaign.vehicles.links.link_strings import LinkAddressError, parse_link
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.parts import BoxShape
@@ -138,18 +138,21 @@ def _spare(text: str) -> str:
 
 
 def _any_launch() -> Any:
-    parts = [part for _, part in sorted(loaded(autopilots, "launch").items())]
-    if len(parts) == 1:
-        return parts[0]
+    parts = [part for _, part in sorted(loaded(launches, "part").items())]
+    if len(parts) < 2:
+        return parts[0] if parts else LaunchPart
     either: Any = reduce(or_, parts)
     return Annotated[either, Field(discriminator="launch")]
 
 
 def _launchable(value: JsonValue) -> JsonValue:
-    """Refuse the launch of an autopilot whose plugin is not installed."""
+    """Refuse a launch whose plugin is not installed."""
     name = value.get("launch") if isinstance(value, dict) else None
-    if isinstance(name, str) and (why := absent(autopilots).get(name)):
-        raise ValueError(why)
+    if isinstance(name, str) and name not in added(launches):
+        if why := absent(launches).get(name):
+            raise ValueError(why)
+        if not added(launches):
+            raise ValueError("no plugin launches a simulation")
     return value
 
 

@@ -49,7 +49,7 @@ from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.vehicles.embedded.physics.config import Physics
 from wil_campaign.vehicles.embedded.physics.contact_world import body_of
 from wil_campaign.vehicles.embedded.profile import ProfileError, load_profile
-from wil_campaign.vehicles.launch.launch_plan import Launch, LaunchError, LaunchPart, beside
+from wil_campaign.vehicles.launch import Launch, LaunchError, LaunchPart, beside
 from wil_campaign.vehicles.links.link_conditions import KeySource
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
 from wil_campaign.vehicles.mavlink.names import message_number

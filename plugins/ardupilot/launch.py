@@ -11,19 +11,15 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from wil_campaign.foundation.files.paths import is_file
-from wil_campaign.vehicles.launch.launch_plan import (
-    Home,
-    Launch,
-    LaunchError,
-    LaunchPart,
+from wil_campaign.plugins.firmware.launch_plan import (
     LaunchPlan,
-    Pace,
+    PlannedLaunch,
     Port,
-    Text,
-    beside,
     executable,
     parameter_text,
 )
+from wil_campaign.plugins.firmware.prepared_launch import PreparedLaunch
+from wil_campaign.vehicles.launch import Home, LaunchError, LaunchPart, Pace, Text, beside
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 
 _BASE_PORT = 5760
@@ -34,7 +30,7 @@ _FRAME = "FRAME_CLASS"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ArduPilotLaunch(Launch):
+class ArduPilotLaunch(PlannedLaunch):
     """The launch of an arducopter binary built for SITL.
 
     frame: its --model ("quad", "hexa"). defaults: parameter files, later ones win; empty for those
@@ -49,6 +45,10 @@ class ArduPilotLaunch(Launch):
     binary: Path
     frame: str = "quad"
     defaults: tuple[Path, ...] = ()
+
+    def prepare(self, *, folder: Path, system_id: int) -> PreparedLaunch:
+        """Reserve the folder and an instance of the simulator. Raises LaunchError."""
+        return PreparedLaunch(launch=self, folder=folder, system_id=system_id)
 
     def check(self) -> None:
         """Raise LaunchError when the binary or a parameter file is missing."""

@@ -1,6 +1,6 @@
 """What the plugin ardupilot adds."""
 
-from wil_campaign.hooks import AutopilotKind, implements
+from wil_campaign.hooks import AutopilotKind, LaunchKind, implements
 
 
 @implements
@@ -11,7 +11,12 @@ def autopilots() -> tuple[AutopilotKind, ...]:
             "ardupilot",
             strategy="wil_campaign.plugins.ardupilot.strategy:ArduCopter",
             emulation="wil_campaign.plugins.ardupilot.copter.copter:ArduCopter",
-            launch="wil_campaign.plugins.ardupilot.launch:ArduPilotLaunchPart",
             injection="wil_campaign.plugins.ardupilot.injection_rules:ARDUPILOT",
         ),
     )
+
+
+@implements
+def launches() -> tuple[LaunchKind, ...]:
+    """Return the launch of ArduPilot."""
+    return (LaunchKind("ardupilot", "wil_campaign.plugins.ardupilot.launch:ArduPilotLaunchPart"),)

@@ -36,6 +36,7 @@ HOOKS = {
     "drivers",
     "engines",
     "image_sources",
+    "launches",
     "live_views",
     "mesh_formats",
     "motion_captures",
@@ -896,7 +897,10 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     words += [
         ["validate", str(write_recipe_of_steps(tmp_path))],
         ["validate", str(ROOT / "campaigns" / "gate-ardupilot.yaml")],
-        ["run", gate, *one, "--set", "vehicles.real.link={launch: ardupilot, binary: a}"],
+        *(
+            ["run", gate, *one, "--set", f"vehicles.real.link={{launch: {name}}}"]
+            for name in shipped("launches")
+        ),
         *(["report", str(tmp_path), f"--{name}"] for name in shipped("report_images")),
     ]
     done = subprocess.run(  # noqa: S603 - our own interpreter
@@ -914,6 +918,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
         *("operator_channels", "run_options", "autonomy_kinds", "run_observers", "oracles"),
         *("image_sources", "sources", "mesh_formats", "recipe_steps", "problem_formats"),
         *("recording_formats", "motion_captures", "report_images", "autopilots"),
+        "launches",
     )
     named += [name for hook in hooks_of_rest for name in shipped(hook)]
     assert codes[3:] == [2] * (len(words) - 3)

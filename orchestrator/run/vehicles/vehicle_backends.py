@@ -22,7 +22,7 @@ from wil_campaign.vehicles.embedded.process.process_settings import (
     Start,
 )
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
-from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch
+from wil_campaign.vehicles.launch import ReservedLaunch
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.poses.truth import TruthSample
@@ -141,7 +141,7 @@ class SubprocessBackend:
     """Vehicles in separate processes, children of the guard; or attached vehicles."""
 
     def __init__(
-        self, setup: RunSetup, guard: RemoteGuard, prepared: Mapping[str, PreparedLaunch]
+        self, setup: RunSetup, guard: RemoteGuard, prepared: Mapping[str, ReservedLaunch]
     ) -> None:
         self._setup = setup
         self._guard = guard

@@ -13,7 +13,7 @@ from tests.orchestrator.hover import write_hover
 from wil_campaign.orchestrator.campaign.workers import run_server
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.safety.guard.process.runtime_folder import RuntimeFolderError
-from wil_campaign.vehicles.launch.launch_plan import beside
+from wil_campaign.vehicles.launch import beside
 
 BOX = "geofence: {box: {north_m: [-3, 3], east_m: [-3, 3], up_m: HERE}}"
 AREA = "geofence: {include: [{HERE}], up_m: [-1, 3]}"

@@ -15,18 +15,15 @@ from typing import ClassVar, Literal, Self
 from pydantic import model_validator
 
 from wil_campaign.foundation.files.paths import is_file, is_folder
-from wil_campaign.vehicles.launch.launch_plan import (
-    Launch,
-    LaunchError,
-    LaunchPart,
+from wil_campaign.plugins.firmware.launch_plan import (
     LaunchPlan,
-    Pace,
+    PlannedLaunch,
     Port,
-    Text,
-    beside,
     executable,
     parameter_text,
 )
+from wil_campaign.plugins.firmware.prepared_launch import PreparedLaunch
+from wil_campaign.vehicles.launch import LaunchError, LaunchPart, Pace, Text, beside
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 
 _API_PORT = 14540
@@ -46,7 +43,7 @@ _FATAL = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Px4Launch(Launch):
+class Px4Launch(PlannedLaunch):
     """The launch of PX4 from `build` (build/px4_sitl_default) or the container `image`.
 
     model: its PX4_SIM_MODEL. pace: its PX4_SIM_SPEED_FACTOR; PX4 multiplies its own time-outs by
@@ -64,6 +61,10 @@ class Px4Launch(Launch):
     def __post_init__(self) -> None:
         if (self.build is None) == (self.image is None):
             raise ValueError("PX4 is launched from a build folder or from an image: give one")
+
+    def prepare(self, *, folder: Path, system_id: int) -> PreparedLaunch:
+        """Reserve the folder and an instance of the simulator. Raises LaunchError."""
+        return PreparedLaunch(launch=self, folder=folder, system_id=system_id)
 
     def check(self) -> None:
         """Raise LaunchError when PX4's build folder, or docker, is missing."""

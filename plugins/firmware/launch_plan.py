@@ -2,22 +2,15 @@
 
 import os
 import shutil
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
-from pydantic import Field
-
-from wil_campaign.foundation.files.documents import Part
-from wil_campaign.foundation.files.paths import exists, expanded, is_folder
-from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.foundation.files.paths import exists, is_folder
+from wil_campaign.vehicles.launch import Launch, LaunchError
 from wil_campaign.vehicles.links.link_strings import LinkAddress
-
-
-class LaunchError(VehicleError):
-    """A simulator cannot be launched, or has died; says what it printed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,16 +19,6 @@ class Port:
 
     number: int
     kind: Literal["tcp", "udp"]
-
-
-@dataclass(frozen=True, slots=True)
-class Home:
-    """The launched vehicle's home: WGS-84 degrees, metres above sea level, heading in degrees."""
-
-    latitude_deg: float
-    longitude_deg: float
-    altitude_m: float
-    heading_deg: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,36 +42,19 @@ class LaunchPlan:
     files: Mapping[str, str] = field(default_factory=dict)
 
 
-BootParams = tuple[tuple[str, float], ...]
-"""Parameters that an autopilot boots with: names and values."""
-
-
 def parameter_text(value: float) -> str:
     """Return a parameter's value as launched autopilots read it, integers without a point."""
     return str(int(value)) if float(value).is_integer() else f"{value:.9g}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Launch(ABC):
-    """A kind of simulator that can be launched several times on one machine.
-
-    pace: how many times real time its clock runs, if the machine can. params: boot parameters.
-    """
+class PlannedLaunch(Launch):
+    """A kind of simulator that can be launched several times on one machine."""
 
     label: ClassVar[str]
     """Its name in messages."""
     instances: ClassVar[int]
     """How many of them port numbers allow."""
-    pace_key: ClassVar[str]
-    """The key of its `link` that has its pace."""
-
-    pace: float = 1.0
-    home: Home | None = None
-    params: BootParams = ()
-
-    @abstractmethod
-    def check(self) -> None:
-        """Raise LaunchError when something that the launch needs is missing; starts nothing."""
 
     @abstractmethod
     def ports(self, instance: int) -> tuple[Port, ...]:
@@ -97,25 +63,6 @@ class Launch(ABC):
     @abstractmethod
     def plan(self, *, instance: int, system_id: int, folder: Path) -> LaunchPlan:
         """Return the launch plan of an instance that runs in `folder`."""
-
-
-Text = Annotated[str, Field(min_length=1)]
-Pace = Annotated[float, Field(gt=0, le=100)]
-
-
-class LaunchPart(Part):
-    """A vehicle's `link` that launches a simulation of its autopilot, which `launch` names."""
-
-    launch: str
-
-    def setup(self, folder: Path) -> Launch:
-        """Return the launch that a campaign in a folder asks for, without parameters."""
-        raise NotImplementedError
-
-
-def beside(folder: Path, text: str) -> Path:
-    """Return a file's path relative to the campaign's folder, or to the home by ~."""
-    return (folder / expanded(Path(text))).absolute()
 
 
 def executable(path: Path, label: str, remedy: str) -> str:
