@@ -14,6 +14,7 @@ class SourceResult:
     dropped: replaced by newer ones. missed: never arrived. damaged: arrived damaged or wrong.
     stalls: how often none arrived for too long. trouble: the last error. measured: images of a
     simulator that were compared with the judged world; not_measured: why none or not all were.
+    restarts: how often the sender's clock or its numbers began anew.
     """
 
     vehicle: str
@@ -27,6 +28,7 @@ class SourceResult:
     trouble: str
     measured: int = 0
     not_measured: str = ""
+    restarts: int = 0
 
 
 @dataclass(frozen=True, slots=True)
