@@ -163,7 +163,10 @@ class Sent:
 
     def grab(self) -> GrabbedDepth | None:
         packet = next(self._sent, None)
-        return threading_pause(1) if packet is None else self._lines.receive(packet)
+        if packet is not None:
+            return self._lines.receive(packet)
+        threading_pause(1)
+        return None
 
     def close(self) -> None:
         pass
