@@ -25,12 +25,45 @@ def clopper_pearson(passed: int, flown: int, *, confidence: float = 0.95) -> Int
         raise ValueError(f"the confidence must be between 0 and 1, is {confidence}")
     if flown == 0:
         return None
-    from scipy.special import betaincinv
-
     tail, failed = (1.0 - confidence) / 2.0, flown - passed
-    low = float(betaincinv(passed, failed + 1, tail)) if passed else 0.0
-    high = float(betaincinv(passed + 1, failed, 1.0 - tail)) if failed else 1.0
+    low = _rate_of_tail(passed, flown, tail) if passed else 0.0
+    high = 1.0 - _rate_of_tail(failed, flown, tail) if failed else 1.0
     return Interval(low, high, confidence)
+
+
+def _rate_of_tail(passed: int, flown: int, tail: float) -> float:
+    """Return the rate at which so many passes or more have the probability `tail`, by bisection."""
+    low, high = 0.0, 1.0
+    while low < (rate := (low + high) / 2.0) < high:
+        if _binomial_tail(passed, flown, rate) < tail:
+            low = rate
+        else:
+            high = rate
+    return rate
+
+
+def _binomial_tail(passed: int, flown: int, rate: float) -> float:
+    """Return the probability of so many passes or more, of at least one, at a rate within (0, 1).
+
+    From the mean on the terms of the binomial distribution decrease; below it the others are added.
+    """
+    if passed < rate * (flown + 1):
+        return 1.0 - _added_terms(flown - passed + 1, flown, 1.0 - rate)
+    return _added_terms(passed, flown, rate)
+
+
+def _added_terms(passed: int, flown: int, rate: float) -> float:
+    """Return the probability of so many passes or more, by the terms that matter."""
+    failed = flown - passed
+    ways = math.lgamma(flown + 1) - math.lgamma(passed + 1) - math.lgamma(failed + 1)
+    term = math.exp(ways + passed * math.log(rate) + failed * math.log1p(-rate))
+    added = 0.0
+    for count in range(passed, flown + 1):
+        added += term
+        term *= (flown - count) / (count + 1) * rate / (1.0 - rate)
+        if term < added * 1e-18:
+            break
+    return added
 
 
 def flights_without_failure(pass_rate: float, *, confidence: float = 0.95) -> int:

@@ -3,12 +3,13 @@
 import csv
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME
-from wil_campaign.plugins.calibration.mounting import BodyPath
+from wil_campaign.plugins.calibration.boards import Points
 from wil_campaign.plugins.offline.errors import OfflineError
 from wil_campaign.safety.evaluation.judge_log import JudgeLogError, read_judge_log
 from wil_campaign.safety.model.samples import PoseSample
@@ -17,6 +18,15 @@ from wil_campaign.worlds.frames import Pose
 COLUMNS = ("t_s", "north_m", "east_m", "down_m", "qw", "qx", "qy", "qz")
 
 TimedPose = tuple[float, Pose]
+
+
+@dataclass(frozen=True, slots=True)
+class BodyPath:
+    """The body's path for the mounting: times, positions (n, 3) NED, attitudes (n, 4) wxyz."""
+
+    t_s: Points
+    position_ned_m: Points
+    q_wxyz: Points
 
 
 def body_path(poses: Iterable[TimedPose]) -> BodyPath:

@@ -6,6 +6,7 @@ Parses the calibration boards of the command line.
 import asyncio
 import re
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -25,7 +26,7 @@ from wil_campaign.plugins.calibration.boards import (
     CharucoBoard,
     ChessBoard,
 )
-from wil_campaign.plugins.calibration.body_paths import path_in_csv, path_in_run
+from wil_campaign.plugins.calibration.body_paths import BodyPath, path_in_csv, path_in_run
 from wil_campaign.plugins.calibration.live_search import LiveOrder, search_live
 from wil_campaign.plugins.calibration.measurement import (
     MeasurementOptions,
@@ -33,7 +34,6 @@ from wil_campaign.plugins.calibration.measurement import (
     measure_camera,
     read_optics,
 )
-from wil_campaign.plugins.calibration.mounting import BodyPath
 from wil_campaign.plugins.offline.errors import OfflineError
 from wil_campaign.plugins.offline.recorded_inputs import flown_latency_s
 from wil_campaign.vehicles.errors import VehicleError
@@ -184,6 +184,11 @@ def _search_images(
 ) -> tuple[BoardViews, BodyPath | None, float | None]:
     """Return the board's views, the body's path, and the latency as flown, to calibrate."""
     poses, latency_ms = where.poses, where.poses_latency_ms
+    if (poses is not None or is_run(Path(images))) and find_spec("scipy") is None:
+        raise OfflineError(
+            "mounting and latency need the extra calibration: "
+            "pip install 'wil-campaign[calibration]'"
+        )
     if not images.startswith(_LIVE) and not images.endswith(".sdp"):
         if latency_ms is not None:
             raise OfflineError(

@@ -8,8 +8,7 @@ from wil_campaign.campaigns.values.external_setups import MocapSetup, SourceSetu
 from wil_campaign.orchestrator.external.motion_captures import MotionCaptures
 from wil_campaign.plugins.calibration.board_search import STEP_S, BoardSearch, BoardViews
 from wil_campaign.plugins.calibration.boards import Board
-from wil_campaign.plugins.calibration.body_paths import TimedPose, body_path
-from wil_campaign.plugins.calibration.mounting import BodyPath
+from wil_campaign.plugins.calibration.body_paths import BodyPath, TimedPose, body_path
 from wil_campaign.plugins.cameras.camera_factory import live_camera
 from wil_campaign.worlds.camera import Intrinsics
 

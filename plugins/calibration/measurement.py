@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
@@ -18,12 +18,15 @@ from wil_campaign.foundation.files.documents import load
 from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.plugins.calibration.board_search import BoardViews
 from wil_campaign.plugins.calibration.boards import Board, CalibrationError
-from wil_campaign.plugins.calibration.mounting import BodyPath, MountingFit, fit_mounting
+from wil_campaign.plugins.calibration.body_paths import BodyPath
 from wil_campaign.plugins.calibration.optics import OpticsFit, fit_optics
 from wil_campaign.plugins.offline.errors import OfflineError
 from wil_campaign.vehicles.sensors.sensor_spec import MountPart
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, euler_from_quat
+
+if TYPE_CHECKING:
+    from wil_campaign.plugins.calibration.mounting import MountingFit
 
 _THRICE = 3.0
 
@@ -71,6 +74,9 @@ def measure_camera(
     )
     if path is None:
         return found
+    # SciPy, of an extra.
+    from wil_campaign.plugins.calibration.mounting import fit_mounting  # noqa: PLC0415
+
     mounting = fit_mounting(seen.sightings, path, camera.intrinsics())
     flown_s = how.flown_latency_s
     return found.model_copy(
@@ -100,7 +106,7 @@ def as_yaml(calibration: CalibrationPart, *, made_of: str) -> str:
     return f"# Written by wil-campaign calibrate, from {made_of}\n{body}"
 
 
-def _latency_ms(fit: MountingFit, flown_s: float) -> float:
+def _latency_ms(fit: "MountingFit", flown_s: float) -> float:
     """Return the measured latency of a camera. Raises CalibrationError when negative."""
     latency_s = fit.latency_s + flown_s
     if latency_s < -_THRICE * fit.spread_s - 1e-3:

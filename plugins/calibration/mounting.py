@@ -18,6 +18,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation, Slerp
 
 from wil_campaign.plugins.calibration.boards import CalibrationError, Points, Sighting
+from wil_campaign.plugins.calibration.body_paths import BodyPath
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 
@@ -35,15 +36,6 @@ _MOST = 100
 _FARTHEST_PX = 1e4
 _DIFFERENCE = 1e-6
 """Step of finite differences (m, rad, s): far below the wanted accuracy, far above rounding."""
-
-
-@dataclass(frozen=True, slots=True)
-class BodyPath:
-    """The body's path for the mounting: times, positions (n, 3) NED, attitudes (n, 4) wxyz."""
-
-    t_s: Points
-    position_ned_m: Points
-    q_wxyz: Points
 
 
 @dataclass(frozen=True, slots=True)

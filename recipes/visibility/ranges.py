@@ -1,5 +1,6 @@
 """Visibility of virtual objects in mixed ranges: beams, depth pixels, points. Pure."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from wil_campaign.recipes.visibility.model import (
     ObjectVisibility,
     Virtual,
 )
+from wil_campaign.worlds.jit import F64, Int, compiled
 
 SHOWN_SHARE = 0.5
 """Least share of the beams expected on an object that have to show its range."""
@@ -105,10 +107,36 @@ def compare_points(
 
 def nearest_m(points_m: NDArray[np.float64], cloud_m: NDArray[np.float32]) -> NDArray[np.float64]:
     """Return the distance of each point to the nearest point of a cloud, metres; both (n, 3)."""
-    from scipy.spatial import cKDTree
-
-    found: NDArray[np.float64] = cKDTree(cloud_m).query(points_m)[0]
+    axis = int(np.argmax(np.ptp(cloud_m, axis=0)))
+    cloud = cloud_m[np.argsort(cloud_m[:, axis])].astype(np.float64)
+    places = np.searchsorted(cloud[:, axis], points_m[:, axis])
+    found = np.empty(len(points_m))
+    _search_nearest(points_m, cloud, axis, places, found)
     return found
+
+
+@compiled
+def _search_nearest(points: F64, cloud: F64, axis: Int, places: Int, found: F64) -> None:
+    """Set the distance of each point to a cloud that is sorted along an axis.
+
+    places: of each point in that order. From there the search goes both ways, until the distance
+    along the axis alone is more than the least that was found.
+    """
+    for index in range(len(points)):
+        point = points[index]
+        least = np.inf
+        for step in (-1, 1):
+            place = places[index] + min(step, 0)
+            while 0 <= place < len(cloud):
+                other = cloud[place]
+                if (other[axis] - point[axis]) ** 2 >= least:
+                    break
+                squared = (point[0] - other[0]) ** 2
+                squared += (point[1] - other[1]) ** 2
+                squared += (point[2] - other[2]) ** 2
+                least = min(least, squared)
+                place += step
+        found[index] = math.sqrt(least)
 
 
 def _added_points(real_m: NDArray[np.float32], mixed_m: NDArray[np.float32]) -> NDArray[np.float32]:

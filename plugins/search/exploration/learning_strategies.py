@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ _ATTEMPTS = 50
 
 def make_strategy(name: StrategyName, space: Space, seed: int) -> Strategy:
     """Return a strategy by its name. Raises MissingExtraError where its package is missing."""
+    if find_spec("scipy") is None:
+        raise MissingExtraError("scipy", "the coverage of a search")
     if name in {"tpe", "cma-es"}:
         return LearningStrategy(name, space, seed)
     return FixedStrategy(fixed_points(name, space, seed))
@@ -145,7 +148,7 @@ def _import_optuna(name: str) -> Any:
                 package = "cmaes"
                 import cmaes  # noqa: F401, PLC0415 - of an extra; optuna imports it later
     except ModuleNotFoundError as error:
-        raise MissingExtraError(package, name) from error
+        raise MissingExtraError(package, f"the strategy {name}") from error
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     return optuna
 

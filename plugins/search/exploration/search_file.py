@@ -5,6 +5,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path as FilePath
 
+import numpy as np
+
 from wil_campaign.campaigns.checks.autonomy_checks import IsolatedBuilds
 from wil_campaign.campaigns.expansion.case_reader import collect_problems, read_setup
 from wil_campaign.campaigns.expansion.composition import is_composition
@@ -31,7 +33,6 @@ from wil_campaign.foundation.files.documents import (
 from wil_campaign.foundation.files.problems import unit_of
 from wil_campaign.foundation.files.yaml_nodes import Node, Place, mapping_node
 from wil_campaign.plugins.search.exploration.constraints import Constraint, parse_constraint
-from wil_campaign.plugins.search.exploration.coverage import admissible_shares
 from wil_campaign.plugins.search.exploration.objective import (
     Objective,
     fails_no_flight,
@@ -39,6 +40,7 @@ from wil_campaign.plugins.search.exploration.objective import (
 )
 from wil_campaign.plugins.search.exploration.search_campaign import SearchCampaign
 from wil_campaign.plugins.search.exploration.space import Parameter, Space
+from wil_campaign.plugins.search.exploration.strategies import random_point
 from wil_campaign.plugins.search.search_part import ParameterPart, ParameterValue, SearchPart
 from wil_campaign.plugins.stl.formula import StlError
 from wil_campaign.plugins.stl.units import SignalKind
@@ -189,7 +191,8 @@ class _Reader:
 
     def _check_space(self, space: Space) -> None:
         """Report constraints that no variant keeps."""
-        if space.constraints and not admissible_shares(space) and not space.listed():
+        rng = np.random.default_rng(0)
+        if space.constraints and random_point(space, rng) is None and not space.listed():
             message = (
                 "leave no variant: no point within the limits of the parameters keeps all of them"
             )

@@ -34,10 +34,10 @@ class Proposal:
 class MissingExtraError(Exception):
     """A package of the extra `search` is not installed; the message names it and the remedy."""
 
-    def __init__(self, package: str, strategy: str) -> None:
+    def __init__(self, package: str, user: str) -> None:
         super().__init__(
-            f"the strategy {strategy} needs the package {package}, which is not installed: install "
-            "wil-campaign[search], or choose strategy: sobol"
+            f"{user} needs the package {package}, which is not installed: install "
+            "wil-campaign[search]"
         )
 
 
@@ -101,7 +101,7 @@ def _pairwise(space: Space, seed: int) -> Iterator[Point]:
     try:
         from covertable import make  # noqa: PLC0415 - of an extra
     except ModuleNotFoundError as error:
-        raise MissingExtraError("covertable", "pairwise") from error
+        raise MissingExtraError("covertable", "the strategy pairwise") from error
     # Indices, as covertable treats True and 1 as the same level.
     levels = {parameter.name: parameter.levels for parameter in space.parameters}
     strength = min(2, len(levels))

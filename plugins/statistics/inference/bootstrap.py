@@ -5,6 +5,7 @@ of weights for each sample: how often each of its runs was drawn, divided by the
 """
 
 from collections.abc import Callable, Sequence
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ Statistic = Callable[[Sequence[F64]], F64]
 """Takes of each sample the weights (resamples, runs); returns a value for each resample."""
 
 RESAMPLES = 9999
+_NORMAL = NormalDist()
 
 
 def bootstrap_interval(
@@ -31,8 +33,6 @@ def bootstrap_interval(
     None where it has no spread (equal runs, a single run in each sample) or no finite value: a
     width of zero would claim a knowledge that equal runs do not give.
     """
-    from scipy.special import ndtr, ndtri
-
     rng = np.random.default_rng(seed)
     drawn = [rng.multinomial(n, np.full(n, 1.0 / n), size=resamples) / n for n in sizes]
     values = statistic(drawn)
@@ -42,13 +42,13 @@ def bootstrap_interval(
     if len(values) < resamples // 2 or not np.isfinite(observed) or np.ptp(values) <= scale:
         return None
     below = np.mean(values < observed) / 2.0 + np.mean(values <= observed) / 2.0
-    bias = ndtri(np.clip(below, 1.0 / resamples, 1.0 - 1.0 / resamples))
+    bias = _NORMAL.inv_cdf(min(max(float(below), 1.0 / resamples), 1.0 - 1.0 / resamples))
     acceleration = _acceleration(sizes, statistic)
     tail = (1.0 - confidence) / 2.0
     ends = []
     for share in (tail, 1.0 - tail):
-        moved = bias + ndtri(share)
-        level = ndtr(bias + moved / (1.0 - acceleration * moved))
+        moved = bias + _NORMAL.inv_cdf(share)
+        level = _NORMAL.cdf(bias + moved / (1.0 - acceleration * moved))
         ends.append(float(np.quantile(values, level)))
     return Interval(min(ends), max(ends), confidence)
 

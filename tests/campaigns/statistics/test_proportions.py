@@ -28,6 +28,27 @@ def test_the_interval_of_a_pass_rate_is_as_published(
     assert (interval.low, interval.high) == pytest.approx((low, high), abs=6e-5)
 
 
+def test_the_interval_of_a_pass_rate_is_scipys() -> None:
+    from scipy.special import betaincinv
+
+    for passed, flown in [
+        (1, 1),
+        (1, 2),
+        (3, 7),
+        (17, 20),
+        (1, 1000),
+        (412, 1000),
+        (99_990, 100_000),
+    ]:
+        for confidence in (0.8, 0.95, 0.999):
+            interval = clopper_pearson(passed, flown, confidence=confidence)
+            tail, failed = (1.0 - confidence) / 2.0, flown - passed
+            low = betaincinv(passed, failed + 1, tail)
+            high = betaincinv(passed + 1, failed, 1.0 - tail) if failed else 1.0
+            assert interval is not None
+            assert (interval.low, interval.high) == pytest.approx((low, high), rel=1e-12)
+
+
 def test_no_flight_has_no_interval_and_impossible_counts_are_refused() -> None:
     assert clopper_pearson(0, 0) is None
     with pytest.raises(ValueError, match="6 of 5"):

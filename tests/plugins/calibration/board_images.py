@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wil_campaign.plugins.calibration.boards import CharucoBoard, ChessBoard, Sighting
-from wil_campaign.plugins.calibration.mounting import BodyPath
+from wil_campaign.plugins.calibration.body_paths import BodyPath
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, quat_from_euler, rotate
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sys
 from pathlib import Path
 
 import cv2
@@ -262,6 +263,15 @@ def test_files_and_options_that_cannot_be_used(
         assert main(given) == 2, given
         assert said in capsys.readouterr().err, given
     assert not (tmp_path / "c.yaml").exists()
+
+
+def test_poses_without_the_extra_are_refused_before_the_search_for_boards(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "scipy", None)
+    given = ["--board", BOARD, "--out", str(tmp_path / "c.yaml"), "--poses", "udp://127.0.0.1:5570"]
+    assert main(["calibrate", "/dev/video97", *given, "--size", "640x480"]) == 2
+    assert "pip install 'wil-campaign[calibration]'" in capsys.readouterr().err
 
 
 def test_a_camera_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

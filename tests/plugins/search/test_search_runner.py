@@ -145,7 +145,13 @@ def test_a_stopped_search_says_so_and_can_be_resumed(tmp_path: Path, stop: Any, 
 
 
 @pytest.mark.parametrize(
-    ("strategy", "package"), [("tpe", "optuna"), ("cma-es", "cmaes"), ("pairwise", "covertable")]
+    ("strategy", "package"),
+    [
+        ("tpe", "optuna"),
+        ("cma-es", "cmaes"),
+        ("pairwise", "covertable"),
+        ("grid", "scipy"),
+    ],
 )
 def test_a_missing_extra_is_refused_with_the_remedy_before_anything_is_written(
     tmp_path: Path,

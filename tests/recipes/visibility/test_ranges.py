@@ -12,7 +12,7 @@ from wil_campaign.recipes.visibility.model import (
     ObjectVisibility,
     Virtual,
 )
-from wil_campaign.recipes.visibility.ranges import compare_points, compare_ranges
+from wil_campaign.recipes.visibility.ranges import compare_points, compare_ranges, nearest_m
 
 WALL = 2
 VIRTUAL = Virtual({WALL: "wall"})
@@ -132,6 +132,18 @@ def test_points_of_a_wall_are_shown_displaced_or_missing() -> None:
     assert late.is_displaced
     assert late.offset == pytest.approx(1.0, abs=0.05)
     assert (none.in_view, none.is_shown, none.offset) == (True, False, None)
+
+
+@pytest.mark.parametrize("thickness_m", [0.0, 1.5], ids=["wall", "bush"])
+def test_the_nearest_points_are_scipys_to_the_bit(thickness_m: float) -> None:
+    from scipy.spatial import cKDTree
+
+    rng = np.random.default_rng(3)
+    found = rng.uniform(-2.0, 2.0, (800, 3)) * (thickness_m, 1.0, 1.0)
+    due = rng.normal(0.0, 2.0, (300, 3))
+    near_m = nearest_m(due, found.astype(np.float32))
+    assert np.array_equal(near_m, cKDTree(found.astype(np.float32)).query(due)[0])
+    assert nearest_m(due[:1], np.zeros((1, 3), np.float32)) == pytest.approx(np.linalg.norm(due[0]))
 
 
 def test_an_object_left_out_by_name_is_reported_where_beams_should_meet_it() -> None:
