@@ -224,33 +224,6 @@ def test_runs_fly_by_an_engine_of_another_distribution(
     assert json.loads(manifest.read_text())["plugins"] == {"sonar": "wil-sonar 1.2"}
 
 
-GLOW = """
-from wil_campaign.hooks import LiveView, implements
-
-
-@implements
-def live_views():
-    return (LiveView("glow", "wil_sonar:beside", "Glow."),)
-
-
-def beside(address, say, **_):
-    raise RuntimeError(f"no lamp at {address}")
-"""
-
-
-def test_a_live_view_that_raises_is_named_with_its_plugin_and_nothing_flies(
-    install: Install, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    install(GLOW)
-    words = ["run", str(write_hover(tmp_path)), "--mode", "sim", "--out", str(tmp_path / "out")]
-    assert main([*words, "--glow", "here"]) == 2
-    said = (
-        "--glow: the view of the plugin sonar (wil-sonar 1.2) cannot be opened: RuntimeError: no "
-    )
-    assert f"{said}lamp at here; mend it" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
 CHECK = """
 from wil_campaign.hooks import VehicleCheck, implements
 
