@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from wil_campaign.orchestrator.model.results import RunResult
     from wil_campaign.orchestrator.reading.errors import ResultsFolderError
     from wil_campaign.orchestrator.recording.errors import RecordingError
-    from wil_campaign.orchestrator.report.ordered_report import Report, report
+    from wil_campaign.orchestrator.report.ordered_report import Report
     from wil_campaign.plugins.offline.calls import mix, replay
     from wil_campaign.plugins.offline.errors import OfflineError
     from wil_campaign.plugins.offline.file_mixing import CombinationReport
     from wil_campaign.plugins.offline.replay import ReplayReport
     from wil_campaign.plugins.python.campaign_results import CampaignResults, read_results
     from wil_campaign.plugins.python.flying import CannotFlyError, run, run_async
-    from wil_campaign.plugins.python.loading import judge, load, plan, validate
+    from wil_campaign.plugins.python.loading import judge, load, plan, report, validate
     from wil_campaign.plugins.python.mcap_reader import (
         Recorded,
         RecordedEvent,
@@ -109,7 +109,7 @@ _MODULES = {
     "orchestrator.reading.errors": ("ResultsFolderError",),
     "plugins.python.campaign_results": ("CampaignResults", "read_results"),
     "plugins.python.flying": ("CannotFlyError", "run", "run_async"),
-    "plugins.python.loading": ("judge", "load", "plan", "validate"),
+    "plugins.python.loading": ("judge", "load", "plan", "report", "validate"),
     "orchestrator.campaign.flight_options": ("FlightOptions",),
     "plugins.python.mock_vehicle": ("MockVehicle", "MockVehicleError", "mock_vehicle"),
     "orchestrator.campaign.reevaluation": ("Judgement",),
@@ -123,7 +123,7 @@ _MODULES = {
         "RecordedReading",
         "Recording",
     ),
-    "orchestrator.report.ordered_report": ("Report", "report"),
+    "orchestrator.report.ordered_report": ("Report",),
     "plugins.offline.calls": ("mix", "replay"),
     "plugins.offline.errors": ("OfflineError",),
     "plugins.offline.file_mixing": ("CombinationReport",),

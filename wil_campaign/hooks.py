@@ -284,6 +284,32 @@ class SensorKind:
 
 
 @dataclass(frozen=True, slots=True)
+class AutopilotKind:
+    """An autopilot, which campaigns name.
+
+    name: in campaigns. strategy: a class derived from `Autopilot`: its messages, failsafes, fence.
+    emulation: one derived from `EmulatedAutopilot`, which flies embedded vehicles. injection: the
+    `Rules` by which it acts on messages of `inject`; empty where the plugin injection has them.
+    """
+
+    name: str
+    strategy: str
+    emulation: str
+    injection: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LaunchKind:
+    """A launch of an autopilot's own simulation, which the `link` of a vehicle asks for.
+
+    name: of the autopilot. part: the class of the link's keys, a `LaunchPart`.
+    """
+
+    name: str
+    part: str
+
+
+@dataclass(frozen=True, slots=True)
 class ReportSection:
     """A section of the report of a campaign, in front of its runs.
 
@@ -306,6 +332,20 @@ class RunSection:
 
     name: str
     section: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReportImage:
+    """A picture of a run, which `wil-campaign report` writes by an option.
+
+    name: the option. write: a function of the results folder and of the run's name ("" for the one
+    to show first), which writes the picture and returns its path, or raises ResultsFolderError for
+    an unknown run, or one that has nothing to show. help: of the option.
+    """
+
+    name: str
+    write: str
+    help: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -443,6 +483,16 @@ def recipe_formats() -> Sequence[RecipeFormat]:  # type: ignore[empty-body]
 
 
 @_hook
+def autopilots() -> Sequence[AutopilotKind]:  # type: ignore[empty-body]
+    """Return autopilots, which fly vehicles."""
+
+
+@_hook
+def launches() -> Sequence[LaunchKind]:  # type: ignore[empty-body]
+    """Return launches of autopilots' own simulations."""
+
+
+@_hook
 def image_sources() -> Sequence[ImageSourceKind]:  # type: ignore[empty-body]
     """Return kinds of sources of cameras' images."""
 
@@ -540,3 +590,8 @@ def report_sections() -> Sequence[ReportSection]:  # type: ignore[empty-body]
 @_hook
 def run_sections() -> Sequence[RunSection]:  # type: ignore[empty-body]
     """Return sections of the page of a run in the report."""
+
+
+@_hook
+def report_images() -> Sequence[ReportImage]:  # type: ignore[empty-body]
+    """Return pictures of runs."""

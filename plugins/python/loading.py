@@ -1,4 +1,4 @@
-"""Loads campaign files for Python programs, validates them, and judges recorded runs by them."""
+"""Loads campaign files for Python programs, validates them, judges and reports recorded runs."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -11,6 +11,7 @@ from wil_campaign.foundation.files.documents import BadInput, Problem
 from wil_campaign.orchestrator.campaign.reevaluation import Judgement, judge_campaign_again
 from wil_campaign.orchestrator.cli.commands.plan import plan_document
 from wil_campaign.orchestrator.cli.run_selection import Choice
+from wil_campaign.orchestrator.report.ordered_report import Report, write_ordered
 
 
 def load(
@@ -97,3 +98,26 @@ def judge(
 def settings_of(overrides: Mapping[str, object] | None) -> tuple[str, ...]:
     """Return overrides as of --set."""
     return tuple(f"{key}={json.dumps(value)}" for key, value in (overrides or {}).items())
+
+
+def report(
+    folder: str | Path,
+    *,
+    out: str | Path | None = None,
+    videos: Sequence[str] = (),
+    card: bool = False,
+    gif: bool = False,
+    run: str = "",
+    workers: int | None = 1,
+) -> Report:
+    """Write the report of a campaign's results folder: one HTML page that needs no other file.
+
+    out: the file; None: report.html in the folder. videos: runs whose mixed.mp4 is made of their
+    recorded images first, as "large/wil/1", or "all". card, gif: write card.png and flight.gif into
+    the folder of `run`; "" for the one to show first. workers: processes that read the runs; None:
+    one per core, for which the main module must be importable.
+
+    Raises ResultsFolderError for a folder without a campaign or an unknown run; OSError.
+    """
+    wanted = [name for name, is_wanted in (("card", card), ("gif", gif)) if is_wanted]
+    return write_ordered(folder, out=out, videos=videos, pictures=wanted, run=run, workers=workers)

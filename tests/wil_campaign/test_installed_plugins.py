@@ -23,16 +23,20 @@ from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.report.campaign_report import write_report
 from wil_campaign.recipes.model.registry import steps
 from wil_campaign.safety.oracles.registry import oracle_kinds
+from wil_campaign.vehicles.autopilots.registry import strategies
+from wil_campaign.vehicles.embedded.emulations import emulations
 from wil_campaign.vehicles.readings import kinds
 
 HOOKS = {
     "announcers",
     "autonomy_kinds",
+    "autopilots",
     "campaign_keys",
     "commands",
     "drivers",
     "engines",
     "image_sources",
+    "launches",
     "live_views",
     "mesh_formats",
     "motion_captures",
@@ -42,6 +46,7 @@ HOOKS = {
     "recipe_formats",
     "recipe_steps",
     "recording_formats",
+    "report_images",
     "report_sections",
     "run_observers",
     "run_options",
@@ -123,6 +128,8 @@ def forget_plugins() -> None:
     autonomy_model.cache_clear()
     oracle_kinds.cache_clear()
     steps.cache_clear()
+    strategies.cache_clear()
+    emulations.cache_clear()
     for known in (kinds.sensor_specs, kinds.reading_types, kinds.faults_of_types, kinds._names):
         known.cache_clear()
 
@@ -220,6 +227,8 @@ def test_runs_fly_by_an_engine_of_another_distribution(
     assert not (tmp_path / "out").exists()
     assert main([*words, "--engine", "farm://a"]) == 0
     assert "on farm://a" in capsys.readouterr().out
+    (manifest,) = (tmp_path / "out").rglob("campaign.json")
+    assert json.loads(manifest.read_text())["plugins"] == {"sonar": "wil-sonar 1.2"}
 
 
 CHECK = """
@@ -709,10 +718,17 @@ def test_a_plugin_that_cannot_be_used_is_named(
 def test_the_plugin_of_the_page_flies(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = (ROOT / "docs" / "plugins.md").read_text("utf-8")
-    files = dict(re.findall(r"^```python\n# (\S+)\n(.+?)^```$", page, re.MULTILINE | re.DOTALL))
+    home = ROOT / "docs" / "examples" / "wil-lab"
+    files = {
+        path.relative_to(home).as_posix(): path.read_text("utf-8")
+        for path in home.glob("wil_lab/*.py")
+    }
     assert len([line for source in files.values() for line in source.splitlines() if line]) <= 90
-    assert 'lab = "wil_lab.plugin"' in page
+    assert 'lab = "wil_lab.plugin"' in (home / "pyproject.toml").read_text("utf-8")
+    page = (ROOT / "docs" / "plugins.md").read_text("utf-8")
+    assert f"```python\n# wil_lab/plugin.py\n{files['wil_lab/plugin.py']}```" in page
+    named = set(re.findall(r"\]\(examples/wil-lab/(.+?\.py)\)", page))
+    assert named == set(files) - {"wil_lab/plugin.py"}
     put_distribution(tmp_path, "lab", "wil_lab.plugin", files)
     monkeypatch.syspath_prepend(tmp_path)
     forget_plugins()
@@ -880,7 +896,15 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
             for name in shipped("recording_formats")
         ),
     ]
-    words.append(["validate", str(write_recipe_of_steps(tmp_path))])
+    words += [
+        ["validate", str(write_recipe_of_steps(tmp_path))],
+        ["validate", str(ROOT / "campaigns" / "gate-ardupilot.yaml")],
+        *(
+            ["run", gate, *one, "--set", f"vehicles.real.link={{launch: {name}}}"]
+            for name in shipped("launches")
+        ),
+        *(["report", str(tmp_path), f"--{name}"] for name in shipped("report_images")),
+    ]
     done = subprocess.run(  # noqa: S603 - our own interpreter
         [sys.executable, "-P", "-c", ABSENT.format(words=words, out=str(tmp_path / "out"))],
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
@@ -895,8 +919,8 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     hooks_of_rest = (
         *("operator_channels", "run_options", "autonomy_kinds", "run_observers", "oracles"),
         *("image_sources", "sources", "mesh_formats", "recipe_steps", "problem_formats"),
-        "recording_formats",
-        "motion_captures",
+        *("recording_formats", "motion_captures", "report_images", "autopilots"),
+        "launches",
     )
     named += [name for hook in hooks_of_rest for name in shipped(hook)]
     assert codes[3:] == [2] * (len(words) - 3)

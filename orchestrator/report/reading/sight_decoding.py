@@ -116,7 +116,8 @@ class _Decoder:
         wil = document["wil"]
         if wil["type"] in {"camera", "depth"}:
             image = self._images.image(document)
-            bgr = color_depth(image) if wil["type"] == "depth" else image
+            is_depth = wil["type"] == "depth"
+            bgr = color_depth(image) if is_depth else image
             frame = frame_of(
                 bgr,
                 source=str(wil["source"]),
@@ -125,7 +126,7 @@ class _Decoder:
                 width_px=width_px,
                 quality=self._size.quality,
             )
-            return replace(frame, view=_view(document))
+            return replace(frame, view=_view(document), is_depth=is_depth)
         if wil["type"] == "lidar":
             return _scan(document, delivered_s)
         return None

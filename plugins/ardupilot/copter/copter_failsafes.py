@@ -1,0 +1,96 @@
+"""ArduCopter's failsafes: their causes, and the actions that its parameters select.
+
+Sources: ArduCopter/events.cpp, ArduCopter/fence.cpp, AP_BattMonitor (4.7); parameters by name.
+"""
+
+import math
+from typing import NamedTuple
+
+from wil_campaign.plugins.ardupilot.copter.copter_modes import CopterMode
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
+from wil_campaign.vehicles.embedded.physics.battery import Charge
+
+_R, _L, _B, _S = CopterMode.RTL, CopterMode.LAND, CopterMode.BRAKE, CopterMode.SMART_RTL
+_GCS_ACTIONS = {1: _R, 2: _R, 3: _S, 4: _S, 5: _L, 6: _R, 7: _B}
+"""FS_GCS_ENABLE; 6 is RTL for a mission without a landing sequence, as ours are."""
+_CONTINUE_WITHOUT_GCS = 1 << 4
+"""FS_OPTIONS: GCS_CONTINUE_IF_PILOT_CONTROL."""
+_BATTERY_ACTIONS = {1: _L, 2: _R, 3: _S, 4: _S, 6: _R, 7: _B}
+"""BATT_FS_LOW_ACT, BATT_FS_CRT_ACT."""
+_FENCE_ACTIONS = {1: _R, 2: _L, 3: _S, 4: _B, 5: _S}
+"""FENCE_ACTION; 0 only reports."""
+
+
+class View(NamedTuple):
+    """The inputs of ArduCopter's failsafes; the age of the GCS heartbeat in s.
+
+    automatic: it is on the ground, or in a mode that mode.h calls an autopilot's.
+    """
+
+    gcs_age_s: float
+    automatic: bool
+    charge: Charge
+    broken_fences: tuple[str, ...]
+
+
+class Decision(NamedTuple):
+    """ArduCopter's failsafe decision: text, and the mode to enter; None to keep the mode."""
+
+    severity: int
+    text: str
+    mode: CopterMode | None
+
+
+class Failsafes:
+    """ArduCopter's failsafes: one decision per cause; an ended cause may begin again."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._p = parameters
+        self._active: set[str] = set()
+
+    def reset(self) -> None:
+        """Forget all failsafe causes: ArduCopter was armed."""
+        self._active.clear()
+
+    def check(self, view: View) -> Decision | None:
+        """Return the ArduCopter failsafe to begin now; None when there is no new cause."""
+        causes = self._causes(view)
+        ended = self._active - causes.keys()
+        self._active -= ended
+        if "gcs" in ended:
+            return Decision(INFO, "GCS Failsafe Cleared", None)
+        for cause, decision in causes.items():
+            if cause not in self._active:
+                self._active.add(cause)
+                return decision
+        return None
+
+    def _causes(self, view: View) -> dict[str, Decision]:
+        p = self._p
+        causes: dict[str, Decision] = {}
+        gcs_action = _GCS_ACTIONS.get(int(p["FS_GCS_ENABLE"]))
+        if gcs_action and p["FS_GCS_TIMEOUT"] < view.gcs_age_s < math.inf:
+            causes["gcs"] = Decision(WARNING, "GCS Failsafe", gcs_action)
+            if not view.automatic and int(p["FS_OPTIONS"]) & _CONTINUE_WITHOUT_GCS:
+                text = "GCS Failsafe - Continuing Pilot Control"
+                causes["gcs"] = Decision(WARNING, text, None)
+        charge = view.charge
+        for level, word in (("CRT", "critical"), ("LOW", "low")):
+            if self._is_low(charge, level):
+                mode = _BATTERY_ACTIONS.get(int(p[f"BATT_FS_{level}_ACT"]))
+                text = (
+                    f"Battery 1 is {word} {charge.voltage_v:.2f}V "
+                    f"used {charge.consumed_mah:.0f} mAh"
+                )
+                causes[f"battery {word}"] = Decision(CRITICAL, text, mode)
+        if view.broken_fences:
+            mode = _FENCE_ACTIONS.get(int(p["FENCE_ACTION"]))
+            text = f"{' and '.join(view.broken_fences)} fence breached"
+            causes["fence"] = Decision(WARNING, text, mode)
+        return causes
+
+    def _is_low(self, charge: Charge, level: str) -> bool:
+        volts, reserve_mah = self._p[f"BATT_{level}_VOLT"], self._p[f"BATT_{level}_MAH"]
+        left_mah = charge.remaining * self._p["BATT_CAPACITY"]
+        return charge.voltage_v < volts or left_mah < reserve_mah
