@@ -181,14 +181,14 @@ def _recording_format(name: str) -> str:
 
 
 class RecordPart(Part):
-    """The campaign's `record`: image encoding of run.mcap; raw and png replay exactly.
+    """The campaign's `record`: the images of run.mcap; only replays of jpeg are not exact.
 
     quality: of JPEG, 1 to 100. vehicle_logs: whether the vehicles' own logs (.bin, .ulg) are
     fetched into the run's folder after landing. max_loss: share of a topic of run.mcap that may be
     missing, beyond which the run is INVALID; nothing may be missing that decides the verdict.
     pictures: how images are encoded in run.mcap; none records no images; needed records, as JPEG,
-    those that cannot be drawn again, and of the others what they were drawn of. video: of which runs
-    mixed.mp4 is made of the recorded images after the landing: of those that went wrong and the
+    those that cannot be drawn again, and of the others what they were drawn of. video: of which
+    runs mixed.mp4 is made of the recorded images after the landing: of those that went wrong and the
     first of each case and mode (failed), of all, or of none. also: forms of other tools in which
     each run is written, too, after the landing.
     """
