@@ -188,9 +188,9 @@ class RecordPart(Part):
     missing, beyond which the run is INVALID; nothing may be missing that decides the verdict.
     pictures: how images are encoded in run.mcap; none records no images; needed records, as JPEG,
     those that cannot be drawn again, and of the others what they were drawn of. video: of which
-    runs mixed.mp4 is made of the recorded images after the landing: of those that went wrong and the
-    first of each case and mode (failed), of all, or of none. also: forms of other tools in which
-    each run is written, too, after the landing.
+    runs mixed.mp4 is made of the recorded images after the landing: of those that went wrong and
+    the first of each case and mode (failed), of all, or of none. also: forms of other tools in
+    which each run is written, too, after the landing.
     """
 
     pictures: Literal["needed"] | ImageFormat = "needed"
