@@ -90,7 +90,7 @@ FAST = (
 FLIGHTS = (
     "faults/test_clock_steps.py",
     "faults/test_socket_flights.py",
-    "orchestrator/api/test_flown_places.py",
+    "plugins/python/test_flown_places.py",
     "orchestrator/campaign/test_attached_run.py",
     "plugins/console/test_console_flight.py",
     "plugins/cluster/bench/test_bench_deaths.py",

@@ -32,7 +32,7 @@ PUBLIC = {
     "wil_campaign.plugins.pytest.pytest_items": "the plugin imports it by name",
     "wil_campaign": "what users' programs import",
     "wil_campaign.orchestrator.cli": "the entry point wil-campaign",
-    "wil_campaign.orchestrator.recording.replay_source": "docs/recording.md: a live source",
+    "wil_campaign.plugins.python.replay_source": "docs/recording.md: a live source",
 }
 """Modules that something outside of the product's Python uses, and what."""
 PLUGINS = "wil_campaign.plugins.{}.plugin"

@@ -16,32 +16,32 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
     from wil_campaign.foundation.files.documents import BadInput, Problem
-    from wil_campaign.orchestrator.api.campaign_results import CampaignResults, read_results
-    from wil_campaign.orchestrator.api.flying import CannotFlyError, run, run_async
-    from wil_campaign.orchestrator.api.loading import judge, load, plan, validate
-    from wil_campaign.orchestrator.api.mock_vehicle import (
-        MockVehicle,
-        MockVehicleError,
-        mock_vehicle,
-    )
     from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
     from wil_campaign.orchestrator.campaign.reevaluation import Judgement
     from wil_campaign.orchestrator.model.campaign_results import Summary, Totals
     from wil_campaign.orchestrator.model.results import RunResult
     from wil_campaign.orchestrator.reading.errors import ResultsFolderError
     from wil_campaign.orchestrator.recording.errors import RecordingError
-    from wil_campaign.orchestrator.recording.mcap_reader import (
+    from wil_campaign.orchestrator.report.ordered_report import Report
+    from wil_campaign.plugins.offline.calls import mix, replay
+    from wil_campaign.plugins.offline.errors import OfflineError
+    from wil_campaign.plugins.offline.file_mixing import CombinationReport
+    from wil_campaign.plugins.offline.replay import ReplayReport
+    from wil_campaign.plugins.python.campaign_results import CampaignResults, read_results
+    from wil_campaign.plugins.python.flying import CannotFlyError, run, run_async
+    from wil_campaign.plugins.python.loading import judge, load, plan, report, validate
+    from wil_campaign.plugins.python.mcap_reader import (
         Recorded,
         RecordedEvent,
         RecordedProvenance,
         RecordedReading,
         Recording,
     )
-    from wil_campaign.orchestrator.report.ordered_report import Report, report
-    from wil_campaign.plugins.offline.calls import mix, replay
-    from wil_campaign.plugins.offline.errors import OfflineError
-    from wil_campaign.plugins.offline.file_mixing import CombinationReport
-    from wil_campaign.plugins.offline.replay import ReplayReport
+    from wil_campaign.plugins.python.mock_vehicle import (
+        MockVehicle,
+        MockVehicleError,
+        mock_vehicle,
+    )
     from wil_campaign.plugins.search.calls import SearchResults, search, search_async
     from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
     from wil_campaign.plugins.statistics.comparison.folder_comparison import (
@@ -107,23 +107,23 @@ __all__ = [
 _MODULES = {
     "campaigns.expansion.expansion": ("Campaign", "RunPlan"),
     "orchestrator.reading.errors": ("ResultsFolderError",),
-    "orchestrator.api.campaign_results": ("CampaignResults", "read_results"),
-    "orchestrator.api.flying": ("CannotFlyError", "run", "run_async"),
-    "orchestrator.api.loading": ("judge", "load", "plan", "validate"),
+    "plugins.python.campaign_results": ("CampaignResults", "read_results"),
+    "plugins.python.flying": ("CannotFlyError", "run", "run_async"),
+    "plugins.python.loading": ("judge", "load", "plan", "report", "validate"),
     "orchestrator.campaign.flight_options": ("FlightOptions",),
-    "orchestrator.api.mock_vehicle": ("MockVehicle", "MockVehicleError", "mock_vehicle"),
+    "plugins.python.mock_vehicle": ("MockVehicle", "MockVehicleError", "mock_vehicle"),
     "orchestrator.campaign.reevaluation": ("Judgement",),
     "orchestrator.model.campaign_results": ("Summary", "Totals"),
     "orchestrator.model.results": ("RunResult",),
     "orchestrator.recording.errors": ("RecordingError",),
-    "orchestrator.recording.mcap_reader": (
+    "plugins.python.mcap_reader": (
         "Recorded",
         "RecordedEvent",
         "RecordedProvenance",
         "RecordedReading",
         "Recording",
     ),
-    "orchestrator.report.ordered_report": ("Report", "report"),
+    "orchestrator.report.ordered_report": ("Report",),
     "plugins.offline.calls": ("mix", "replay"),
     "plugins.offline.errors": ("OfflineError",),
     "plugins.offline.file_mixing": ("CombinationReport",),

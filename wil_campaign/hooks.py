@@ -309,6 +309,20 @@ class RunSection:
 
 
 @dataclass(frozen=True, slots=True)
+class ReportImage:
+    """A picture of a run, which `wil-campaign report` writes by an option.
+
+    name: the option. write: a function of the results folder and of the run's name ("" for the one
+    to show first), which writes the picture and returns its path, or raises ResultsFolderError for
+    an unknown run, or one that has nothing to show. help: of the option.
+    """
+
+    name: str
+    write: str
+    help: str
+
+
+@dataclass(frozen=True, slots=True)
 class SensorSource:
     """A source of sensors' readings, by the scheme of the address in a campaign.
 
@@ -540,3 +554,8 @@ def report_sections() -> Sequence[ReportSection]:  # type: ignore[empty-body]
 @_hook
 def run_sections() -> Sequence[RunSection]:  # type: ignore[empty-body]
     """Return sections of the page of a run in the report."""
+
+
+@_hook
+def report_images() -> Sequence[ReportImage]:  # type: ignore[empty-body]
+    """Return pictures of runs."""

@@ -48,6 +48,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "paper_xml": {"recipe_formats": (".xml",)},
     "programs": {"autonomy_kinds": ("program",)},
     "pytest": {},  # which pytest finds by its own entry points
+    "python": {},  # whose names `import wil_campaign` has
     "readings": {"sources": ("zmq", "mcap")},
     "ros2": {
         "autonomy_kinds": ("ros2",),
@@ -55,6 +56,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
         "recording_formats": ("ros2",),
         "starter_options": ("ros2",),
     },
+    "run_images": {"report_images": ("card", "gif")},
     "search": {"campaign_keys": ("search",), "commands": ("search",)},
     "simulator": {"image_sources": ("simulator",)},
     "standalone": {"commands": ("vehicle",)},

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from wil_campaign.hooks import report_images
+from wil_campaign.installed_plugins import absent, added, load
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.run_video import make_video
 from wil_campaign.orchestrator.report.campaign_report import write_report
-from wil_campaign.orchestrator.report.run_graphics import write_card, write_moving_picture
 
 _SHOWN = 10
 _ALL = "all"
@@ -19,7 +20,7 @@ _ALL = "all"
 class Report:
     """A written report: its path. problems: in words, what it lacks, as it is missing or damaged.
 
-    pictures: the paths of card and moving picture, where they were ordered.
+    pictures: the paths of those that were ordered.
     """
 
     path: Path
@@ -27,41 +28,42 @@ class Report:
     pictures: tuple[Path, ...] = ()
 
 
-def report(
+def write_ordered(
     folder: str | Path,
     *,
     out: str | Path | None = None,
     videos: Sequence[str] = (),
-    card: bool = False,
-    gif: bool = False,
+    pictures: Sequence[str] = (),
     run: str = "",
     workers: int | None = 1,
 ) -> Report:
     """Write the report of a campaign's results folder: one HTML page that needs no other file.
 
     out: the file; None: report.html in the folder. videos: runs whose mixed.mp4 is made of their
-    recorded images first, as "large/wil/1", or "all". card, gif: write card.png and flight.gif into
-    the folder of `run`; "" for the one to show first. workers: processes that read the runs; None:
-    one per core, for which the main module must be importable.
+    recorded images first, as "large/wil/1", or "all". pictures: names of ReportImages, to be
+    written into the folder of `run`; "" for the one to show first. workers: processes that read the
+    runs; None: one per core, for which the main module must be importable.
 
-    Raises ResultsFolderError for a folder without a campaign or an unknown run; OSError.
+    Raises ResultsFolderError for a folder without a campaign, an unknown run, or one that has
+    nothing to show; OSError.
     """
     folder = Path(folder)
     without = _make_videos(folder, videos)
-    pictures = _write_graphics(folder, run, card=card, gif=gif)
+    shown = _draw_images(folder, pictures, run)
     written = write_report(folder, out=None if out is None else Path(out), workers=workers)
-    return Report(written.path, (*without, *written.problems), tuple(pictures))
+    return Report(written.path, (*without, *written.problems), shown)
 
 
-def _write_graphics(folder: Path, run: str, *, card: bool, gif: bool) -> list[Path]:
-    """Write the pictures to share; return their paths.
-
-    Raises ResultsFolderError for an unknown run, or one that has nothing to show; OSError.
-    """
-    if run and not (card or gif):
-        raise ResultsFolderError(f"--run {run} needs --card or --gif")
-    written = [write_card(folder, run)] if card else []
-    return [*written, write_moving_picture(folder, run)] if gif else written
+def _draw_images(folder: Path, wanted: Sequence[str], run: str) -> tuple[Path, ...]:
+    """Write pictures of a run; return their paths. Raises ResultsFolderError, OSError."""
+    known, missing = added(report_images), absent(report_images)
+    if run and not wanted:
+        options = " or ".join(f"--{name}" for name in (*known, *missing))
+        raise ResultsFolderError(f"--run {run} needs {options}")
+    for name in wanted:
+        if name in missing:
+            raise ResultsFolderError(missing[name])
+    return tuple(load(known[name].write)(folder, run) for name in wanted)
 
 
 def _make_videos(folder: Path, wanted: Sequence[str]) -> list[str]:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from wil_campaign.foundation.files.paths import exists, is_file, is_folder
-from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading
 from wil_campaign.plugins.calibration.boards import Board, CalibrationError, Picture, Sighting
 from wil_campaign.plugins.cameras.image_files import ImageFolder, VideoFile
 from wil_campaign.plugins.cameras.mcap_images import McapFile
@@ -13,6 +12,7 @@ from wil_campaign.plugins.cameras.recorded_camera import ImageFile
 from wil_campaign.plugins.offline.errors import OfflineError
 from wil_campaign.plugins.offline.image_inputs import stills
 from wil_campaign.plugins.offline.recorded_inputs import items, recording_file
+from wil_campaign.plugins.python.mcap_reader import RecordedReading
 from wil_campaign.vehicles.readings import CameraReading
 
 STEP_S = 0.1

@@ -7,8 +7,8 @@ from typing import Any, Self
 
 from wil_campaign.foundation.files.limited_json import read_json
 from wil_campaign.orchestrator.operator.campaign_records import Place
-from wil_campaign.orchestrator.operator.flight_scope import FlightScope
 from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask
+from wil_campaign.plugins.console.flight_scope import FlightScope
 
 POLL_S = 0.5
 _THREADS = 8

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from wil_campaign.orchestrator.live_feed.process_beside import process_beside
 from wil_campaign.plugins.console.console_address import ConsoleError
+from wil_campaign.plugins.console.process_beside import process_beside
 
 AUTO = "auto"
 LOOPBACK = "127.0.0.1"

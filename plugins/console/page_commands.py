@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, cast, get_args
 
 from wil_campaign.orchestrator.operator.campaign_records import Place, Places
-from wil_campaign.orchestrator.operator.flight_scope import FlightScope
 from wil_campaign.orchestrator.operator.local_commands import (
     CommandReply,
     send_command,
@@ -20,6 +19,7 @@ from wil_campaign.orchestrator.operator.local_commands import (
 from wil_campaign.orchestrator.operator.operator_log import OperatorLog
 from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask
 from wil_campaign.plugins.console.console_access import AccessError
+from wil_campaign.plugins.console.flight_scope import FlightScope
 from wil_campaign.safety.guard.core.operator_command import OperatorKind
 from wil_campaign.safety.guard.operator.operator_lines import LONGEST_LINE_BYTES
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from wil_campaign.orchestrator.live_feed.process_beside import process_beside
+from wil_campaign.plugins.console.process_beside import process_beside
 from wil_campaign.plugins.foxglove.bridge_address import bridge_address
 from wil_campaign.plugins.foxglove.bridge_process import REFUSED
 from wil_campaign.plugins.foxglove.errors import BridgeError

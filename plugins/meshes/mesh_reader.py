@@ -31,12 +31,12 @@ from wil_campaign.plugins.meshes.mesh_limits import (
     open_collada,
 )
 from wil_campaign.plugins.meshes.mesh_support import UnsupportedMeshError
+from wil_campaign.plugins.meshes.smoothing import smoothed
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.mesh_formats import Axes, MeshFileError, Unit
 from wil_campaign.worlds.scene.meshes import FloatArray, Mesh, merge
 from wil_campaign.worlds.scene.parts import Part, SurfaceShape
 from wil_campaign.worlds.scene.shapes import Shape
-from wil_campaign.worlds.scene.smoothing import smoothed
 
 _GLB_HEAD = struct.Struct("<4sII")
 _GLB_CHUNK = struct.Struct("<I4s")

@@ -19,10 +19,10 @@ from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.judged_motion import read_judged_motion
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME as JUDGED
 from wil_campaign.orchestrator.recording.recording_facts import campaign_in, world_in
-from wil_campaign.orchestrator.report.graphics.drawing import REAL, TWIN, Rgb
 from wil_campaign.orchestrator.report.reading.recorded_sights import read_facts
 from wil_campaign.orchestrator.report.reading.world_facts import recorded_body
 from wil_campaign.plugins.observer.observer_part import Observer, looking_at, observer_in
+from wil_campaign.plugins.run_images.drawing import REAL, TWIN, Rgb
 from wil_campaign.vehicles.readings import BgrImage
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, Vec3

@@ -6,13 +6,13 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from wil_campaign.campaigns.setup.perceived_cameras import perceived_cameras
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup
 from wil_campaign.orchestrator.model.external_results import ExternalResult, OutletResult
 from wil_campaign.orchestrator.state.observer import Observer
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.plugins.outlets.image_delivery import Delivery
 from wil_campaign.plugins.outlets.outlet_setups import DeliverySetups, ImageOutlet
+from wil_campaign.plugins.outlets.perceived_cameras import perceived_cameras
 from wil_campaign.plugins.outlets.rtp import rtp_delivery
 from wil_campaign.plugins.outlets.sdp import RtpAddress
 from wil_campaign.plugins.outlets.v4l2 import v4l2_delivery

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Self, cast
 
 from wil_campaign.campaigns.setup.autonomy_under_test import UnderTest
-from wil_campaign.campaigns.setup.perceived_cameras import perceived_cameras
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup
 from wil_campaign.foundation.processes.supervisor import supervised
 from wil_campaign.foundation.tasks import start, stop
@@ -19,6 +18,7 @@ from wil_campaign.orchestrator.run.vehicles.pair import Pair
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.plugins.outlets.perceived_cameras import perceived_cameras
 from wil_campaign.plugins.outlets.rtp import rtp_delivery
 from wil_campaign.plugins.outlets.sdp import RtpAddress
 from wil_campaign.plugins.programs.autonomy_program import (

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from wil_campaign.orchestrator.api.mock_vehicle import MockVehicle
+    from wil_campaign.plugins.python.mock_vehicle import MockVehicle
 
 _CAMPAIGN = re.compile(rb"^[\"']?schema[\"']?\s*:\s*[\"']?wil/campaign/", re.MULTILINE)
 _MAX_BYTES = 1_000_000
@@ -98,7 +98,7 @@ def mock_vehicle(request: pytest.FixtureRequest) -> Generator[Callable[..., "Moc
     programs connect to its `url` (MAVSDK) or `device` (pymavlink, MAVProxy). The arguments are
     those of `wil_campaign.mock_vehicle`. Its output is shown if the test fails.
     """
-    mock = importlib.import_module("wil_campaign.orchestrator.api.mock_vehicle")
+    mock = importlib.import_module("wil_campaign.plugins.python.mock_vehicle")
     started: list[MockVehicle] = request.node.stash.setdefault(_MOCKS, [])
     with ExitStack() as stack:
 

@@ -8,8 +8,10 @@ from typing import Any
 
 from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.foundation.files.limited_json import read_json
-from wil_campaign.orchestrator.api.flight_messages import FlightRequest, encode_request
-from wil_campaign.orchestrator.api.flying import (
+from wil_campaign.orchestrator.campaign.flight_options import USUAL
+from wil_campaign.orchestrator.cli.run_selection import Choice
+from wil_campaign.plugins.python.flight_messages import FlightRequest, encode_request
+from wil_campaign.plugins.python.flying import (
     FlightProcess,
     OnMessage,
     OnResult,
@@ -17,9 +19,7 @@ from wil_campaign.orchestrator.api.flying import (
     changed,
     in_loop,
 )
-from wil_campaign.orchestrator.api.loading import settings_of
-from wil_campaign.orchestrator.campaign.flight_options import USUAL
-from wil_campaign.orchestrator.cli.run_selection import Choice
+from wil_campaign.plugins.python.loading import settings_of
 from wil_campaign.plugins.search.exploration.search_file import load_search
 from wil_campaign.plugins.search.search_document import FILE_NAME
 

@@ -2,11 +2,11 @@
 
 import sys
 
-from wil_campaign.orchestrator.api.flight_messages import CampaignEnded, decode_request
-from wil_campaign.orchestrator.api.flight_process import MessageWatcher, serve
 from wil_campaign.orchestrator.campaign.display_thread import DisplayThread
 from wil_campaign.orchestrator.cli.arming_consent import REFUSED, RefusedError
 from wil_campaign.orchestrator.cli.engine_flight import check_engine, result_store
+from wil_campaign.plugins.python.flight_messages import CampaignEnded, decode_request
+from wil_campaign.plugins.python.flight_process import MessageWatcher, serve
 from wil_campaign.plugins.search.errors import SearchError
 from wil_campaign.plugins.search.exploration.strategies import MissingExtraError
 from wil_campaign.plugins.search.search_flight import fly_file, write_report

@@ -13,8 +13,8 @@ from wil_campaign.campaigns.values.external_setups import SourceSetup
 from wil_campaign.orchestrator.model.external_results import SourceResult
 from wil_campaign.plugins.simulator.shown_world import asked_world, poses_of_moving
 from wil_campaign.plugins.simulator.simulator_camera import ZmqImageSource
+from wil_campaign.plugins.simulator.visible_ids import compare_ids
 from wil_campaign.recipes.visibility.coverage import Coverage, uncovered
-from wil_campaign.recipes.visibility.ids import compare_ids
 from wil_campaign.recipes.visibility.model import FrameVisibility, Ids
 from wil_campaign.recipes.visibility.sampling import sampled_intrinsics, samples_of
 from wil_campaign.vehicles.cameras.rendered_cameras import RenderedImage

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from wil_campaign.orchestrator.model.results_reader import read_result
-from wil_campaign.orchestrator.recording.mcap_reader import Recording
+from wil_campaign.plugins.python.mcap_reader import Recording
 
 
 def unreadable(folder: Path) -> list[str]:

@@ -9,14 +9,14 @@ import numpy as np
 
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import LOSSLESS, RecordingSettings
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder, RecordingReport
-from wil_campaign.orchestrator.recording.mcap_reader import (
+from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
+from wil_campaign.plugins.python.mcap_reader import (
     Recorded,
     RecordedEvent,
     RecordedProvenance,
     RecordedReading,
     Recording,
 )
-from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from wil_campaign.recipes.pipeline.mixture import Provenance, StageTime
 from wil_campaign.vehicles.readings import CameraReading, PoseReading, Reading, Source
 from wil_campaign.worlds.camera import Intrinsics

@@ -42,6 +42,7 @@ HOOKS = {
     "recipe_formats",
     "recipe_steps",
     "recording_formats",
+    "report_images",
     "report_sections",
     "run_observers",
     "run_options",
@@ -711,10 +712,17 @@ def test_a_plugin_that_cannot_be_used_is_named(
 def test_the_plugin_of_the_page_flies(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = (ROOT / "docs" / "plugins.md").read_text("utf-8")
-    files = dict(re.findall(r"^```python\n# (\S+)\n(.+?)^```$", page, re.MULTILINE | re.DOTALL))
+    home = ROOT / "docs" / "examples" / "wil-lab"
+    files = {
+        path.relative_to(home).as_posix(): path.read_text("utf-8")
+        for path in home.glob("wil_lab/*.py")
+    }
     assert len([line for source in files.values() for line in source.splitlines() if line]) <= 90
-    assert 'lab = "wil_lab.plugin"' in page
+    assert 'lab = "wil_lab.plugin"' in (home / "pyproject.toml").read_text("utf-8")
+    page = (ROOT / "docs" / "plugins.md").read_text("utf-8")
+    assert f"```python\n# wil_lab/plugin.py\n{files['wil_lab/plugin.py']}```" in page
+    named = set(re.findall(r"\]\(examples/wil-lab/(.+?\.py)\)", page))
+    assert named == set(files) - {"wil_lab/plugin.py"}
     put_distribution(tmp_path, "lab", "wil_lab.plugin", files)
     monkeypatch.syspath_prepend(tmp_path)
     forget_plugins()
@@ -774,8 +782,9 @@ for words in {words}:
 import wil_campaign
 for folder in Path({out!r}).glob("*/*"):
     print("written:", *((folder / name).exists() for name in ("report.html", "statistics.json")))
+for name in ("BadInput", "run", "Recording", "Study"):
     try:
-        wil_campaign.read_results(folder).study()
+        print("named:", getattr(wil_campaign, name).__name__)
     except ImportError as error:
         print(error)
 """
@@ -882,6 +891,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
         ),
     ]
     words.append(["validate", str(write_recipe_of_steps(tmp_path))])
+    words += [["report", str(tmp_path), f"--{name}"] for name in shipped("report_images")]
     done = subprocess.run(  # noqa: S603 - our own interpreter
         [sys.executable, "-P", "-c", ABSENT.format(words=words, out=str(tmp_path / "out"))],
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
@@ -896,8 +906,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     hooks_of_rest = (
         *("operator_channels", "run_options", "autonomy_kinds", "run_observers", "oracles"),
         *("image_sources", "sources", "mesh_formats", "recipe_steps", "problem_formats"),
-        "recording_formats",
-        "motion_captures",
+        *("recording_formats", "motion_captures", "report_images"),
     )
     named += [name for hook in hooks_of_rest for name in shipped(hook)]
     assert codes[3:] == [2] * (len(words) - 3)
@@ -906,6 +915,8 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     assert "which is not installed: pip install " in done.stderr
     line = r"search-gate\.yaml:\d+:\d+: 'search' is of the plugin search, which is not installed: "
     assert re.search(line, done.stderr)
-    assert "written: True False\n" in done.stdout  # of the run: report.html, statistics.json
-    assert "'Study' is of the plugin statistics, which is not installed: pip " in done.stdout
+    # Of the run: report.html, statistics.json.
+    assert "written: True False\nnamed: BadInput\n" in done.stdout
+    for name, plugin in (("run", "python"), ("Recording", "python"), ("Study", "statistics")):
+        assert f"'{name}' is of the plugin {plugin}, which is not installed: pip " in done.stdout
     assert absent(hooks.commands) == {}

@@ -110,7 +110,7 @@ class Pilot:
 READ = """\
 import sys
 from pathlib import Path
-from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading, Recording
+from wil_campaign.plugins.python.mcap_reader import RecordedReading, Recording
 
 found = [one.reading for one in Recording(Path(sys.argv[1])) if isinstance(one, RecordedReading)]
 print(*sorted({(type(one).__name__, one.source, round(one.y_ut)) for one in found}))

@@ -7,20 +7,27 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from wil_campaign.foundation.files.problems import printable
+from wil_campaign.hooks import report_images
+from wil_campaign.orchestrator.cli.plugin_options import (
+    NO_OPTIONS,
+    PluginOptions,
+    given,
+    takes_options,
+)
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
-from wil_campaign.orchestrator.report.ordered_report import report as write_whole_report
+from wil_campaign.orchestrator.report.ordered_report import write_ordered
 
 _SHOWN = 10
 
 
+@takes_options(report_images, "pictures", bool)
 def report(
     folder: Path,
     *,
     out_: Annotated[Path | None, Parameter(name="--out")] = None,
     video: Annotated[tuple[str, ...], Parameter(negative=())] = (),
-    card: Annotated[bool, Parameter(negative=())] = False,
-    gif: Annotated[bool, Parameter(negative=())] = False,
+    pictures: PluginOptions = NO_OPTIONS,
     run: str = "",
 ) -> int:
     """Write the report of a campaign: one HTML page that needs no network and no other file.
@@ -37,18 +44,13 @@ def report(
     video
         A run whose mixed.mp4 is made of its recorded images first, as large/wil/1; `all` for every
         run. May be given several times.
-    card
-        Write card.png into the folder of a run too: its moment as one picture to share, with the
-        real, twin and mixed image, the plan, and the verdict.
-    gif
-        Write flight.gif into the folder of a run too: its flight as a moving picture.
     run
-        The run of --card and --gif, as large/wil/1; by default the failed run that decides, else a
+        The run of the picture, as large/wil/1; by default the failed run that decides, else a
         failed one, else the first of mode wil.
     """
     try:
-        written = write_whole_report(
-            folder, out=out_, videos=video, card=card, gif=gif, run=run, workers=None
+        written = write_ordered(
+            folder, out=out_, videos=video, pictures=[*given(pictures)], run=run, workers=None
         )
     except ResultsFolderError as error:
         err(printable(str(error)))

@@ -17,8 +17,8 @@ from wil_campaign.orchestrator.recording.mcap import mcap_file, mcap_writer
 from wil_campaign.orchestrator.recording.mcap.mcap_encode import Encoder
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import LOSSLESS
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder, TopicLoss
-from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading
 from wil_campaign.orchestrator.recording.run_recorder import RunRecorder, excessive_loss
+from wil_campaign.plugins.python.mcap_reader import RecordedReading
 from wil_campaign.safety.model.verdict import Decision, DecisiveEvent
 
 

@@ -9,7 +9,7 @@ from collections import Counter
 from pathlib import Path
 
 from tests.orchestrator.wall_runs import STAYING, Program
-from wil_campaign.orchestrator.recording.mcap_reader import (
+from wil_campaign.plugins.python.mcap_reader import (
     RecordedProvenance,
     RecordedReading,
     Recording,

@@ -13,12 +13,12 @@ from aiohttp.web import Application, Request
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 from tests.ports import free_port
 from wil_campaign.orchestrator.model.progress import Progress
-from wil_campaign.orchestrator.operator.flight_scope import FlightScope
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
 from wil_campaign.plugins.console.console_access import ConsoleAccess, Role
 from wil_campaign.plugins.console.console_address import ConsoleAddress, RequestRules
 from wil_campaign.plugins.console.console_hub import ConsoleHub
 from wil_campaign.plugins.console.console_server import ConsoleServer
+from wil_campaign.plugins.console.flight_scope import FlightScope
 from wil_campaign.plugins.console.page_commands import CommandSender
 
 Client = TestClient[Request, Application]

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from wil_campaign.orchestrator.operator.campaign_records import CampaignRecord, Place
-from wil_campaign.orchestrator.operator.flight_scope import FlightScope
 from wil_campaign.plugins.console import campaign_poller
 from wil_campaign.plugins.console.campaign_poller import CampaignPoller
+from wil_campaign.plugins.console.flight_scope import FlightScope
 
 REASON = "real: arming was refused"
 

@@ -10,12 +10,12 @@ from PIL import Image
 
 from tests.plugins.meshes.tiny_gltf import gltf
 from wil_campaign.plugins.meshes.mesh_reader import load_mesh_shape
+from wil_campaign.plugins.meshes.smoothing import smoothed
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer
 from wil_campaign.worlds.scene.mesh_formats import MeshFileError
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
-from wil_campaign.worlds.scene.smoothing import smoothed
 
 CORNERS = [[1, 1, -1], [1, -1, -1], [1, -1, 1], [1, 1, 1]]
 """A sheet ahead, x forward and z up: bottom left, bottom right, top right, top left."""

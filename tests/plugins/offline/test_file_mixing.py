@@ -17,9 +17,9 @@ from wil_campaign.foundation.files.documents import parse
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import LOSSLESS
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder
-from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading, Recording
 from wil_campaign.orchestrator.recording.video import VideoWriter
 from wil_campaign.plugins.offline.contact_sheet import ContactSheet
+from wil_campaign.plugins.python.mcap_reader import RecordedReading, Recording
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.pipeline.pipeline import compile_recipe
 from wil_campaign.recipes.pipeline.stages import StageView

@@ -17,9 +17,9 @@ from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import End
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder
-from wil_campaign.orchestrator.recording.mcap_reader import Recording
 from wil_campaign.plugins.offline.reading_difference import difference
 from wil_campaign.plugins.offline.recorded_inputs import what_lacks
+from wil_campaign.plugins.python.mcap_reader import Recording
 from wil_campaign.recipes.language.recipe_files import load_recipe_file
 from wil_campaign.recipes.pipeline.pipeline import compile_recipe
 

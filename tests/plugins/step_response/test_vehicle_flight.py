@@ -17,8 +17,8 @@ import pytest
 from pymavlink import mavutil
 
 import wil_campaign
-from tests.orchestrator.api.test_mock_vehicle import wait
 from tests.orchestrator.cli.test_arming_consent import Speaker
+from tests.plugins.python.test_mock_vehicle import wait
 from tests.ports import free_port
 from tests.test_house import ROOT
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle

@@ -14,8 +14,8 @@ from wil_campaign.foundation.files.limits import MAX_CHUNK_BYTES
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import MAGIC, RecordStream
-from wil_campaign.orchestrator.recording.mcap_reader import Recording
 from wil_campaign.plugins.cameras.mcap_images import McapFile
+from wil_campaign.plugins.python.mcap_reader import Recording
 from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.vehicles.sources.mcap_limits import ChunkLimitError, chunk_records
 
@@ -95,7 +95,7 @@ def test_replay_refuses_it_in_words(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 def test_a_message_that_is_all_brackets_is_not_read(tmp_path: Path) -> None:
-    from wil_campaign.orchestrator.recording import mcap_reader
+    from wil_campaign.plugins.python import mcap_reader
 
     for data in (b"[" * 6_000_000, b"[" * 100_000):
         with pytest.raises(ValueError, match=r"values|nested"):

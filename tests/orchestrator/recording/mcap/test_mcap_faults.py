@@ -35,12 +35,12 @@ from wil_campaign.orchestrator.recording.mcap import mcap_file, mcap_writer
 from wil_campaign.orchestrator.recording.mcap.mcap_encode import Encoder
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import LOSSLESS
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import RecordingReport
-from wil_campaign.orchestrator.recording.mcap_reader import (
+from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
+from wil_campaign.plugins.python.mcap_reader import (
     RecordedEvent,
     RecordedReading,
     Recording,
 )
-from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from wil_campaign.vehicles.readings import Reading
 
 

@@ -31,12 +31,12 @@ from wil_campaign.orchestrator.recording.mcap.mcap_settings import (
     ImageSettings,
     RecordingSettings,
 )
-from wil_campaign.orchestrator.recording.mcap_reader import (
+from wil_campaign.orchestrator.recording.recording_facts import mounts_in
+from wil_campaign.plugins.python.mcap_reader import (
     RecordedEvent,
     RecordedProvenance,
     RecordedReading,
 )
-from wil_campaign.orchestrator.recording.recording_facts import mounts_in
 from wil_campaign.recipes.pipeline.mixture import StageTime
 from wil_campaign.vehicles.readings import (
     CameraReading,

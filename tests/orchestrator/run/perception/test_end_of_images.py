@@ -13,10 +13,10 @@ from tests.orchestrator.flights import log_of
 from tests.recipes.samples import beam
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.model.results import RunResult
-from wil_campaign.orchestrator.recording.mcap_reader import RecordedReading, Recording
 from wil_campaign.orchestrator.run.perception.mixing_budget import MixingBudgetWatch
 from wil_campaign.orchestrator.run.perception.perception import Perception, SensorSource
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.plugins.python.mcap_reader import RecordedReading, Recording
 from wil_campaign.vehicles.readings import CameraReading, Reading
 
 Fly = Callable[..., tuple[RunResult, Path]]

@@ -12,14 +12,14 @@ from tests.orchestrator.conftest import SMALL_CAMERAS
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.model.results import CombinationResult, RunResult
-from wil_campaign.orchestrator.recording.mcap_reader import (
+from wil_campaign.orchestrator.recording.run_video import make_video
+from wil_campaign.orchestrator.run.perception import warm_up
+from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.plugins.python.mcap_reader import (
     RecordedProvenance,
     RecordedReading,
     Recording,
 )
-from wil_campaign.orchestrator.recording.run_video import make_video
-from wil_campaign.orchestrator.run.perception import warm_up
-from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.vehicles.autonomy import Command, Telemetry
 from wil_campaign.vehicles.readings import CameraReading, Reading, sensor_type_of
 from wil_campaign.vehicles.setpoints import VelocitySetpoint

@@ -1,0 +1,130 @@
+"""The pictures of a run that people share: written whole, of the right run, at the right times."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.orchestrator.report.recorded_campaign import GOAL_S, TOUCHED_S, write_campaign
+from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.reading.errors import ResultsFolderError
+from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.report.reading.run_reader import read_run
+from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
+from wil_campaign.plugins.run_images.card import SIZE_PX, draw_card
+from wil_campaign.plugins.run_images.drawing import SUBJECTS, VERDICTS, Sheet
+from wil_campaign.plugins.run_images.image_writer import write_card, write_moving_picture
+from wil_campaign.plugins.run_images.recorded_images import (
+    ImagesAtTime,
+    most_mixed,
+    read_images,
+)
+from wil_campaign.vehicles.perception.depth_colors import depth_scale
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return write_campaign(tmp_path / "gate")
+
+
+def has_colour(path: Path, rgb: tuple[int, int, int]) -> bool:
+    with Image.open(path) as image:
+        pixels = np.asarray(image.convert("RGB"))
+    return bool((pixels == rgb).all(axis=2).any())
+
+
+def test_a_card_has_the_verdict_the_paths_and_the_failed_run_first(folder: Path) -> None:
+    path = write_card(folder)
+    assert path == folder / "large/wil/1/card.png"
+    with Image.open(path) as image:
+        assert image.size == SIZE_PX
+    colours = (VERDICTS["FAIL"], SUBJECTS["real"], SUBJECTS["twin"])
+    assert all(has_colour(path, colour) for colour in colours)
+    passed = write_card(folder, "large/sim/1")
+    assert has_colour(passed, VERDICTS["PASS"])
+
+
+def test_a_moving_picture_lasts_as_long_as_the_flight_from_the_goal_on(folder: Path) -> None:
+    path = write_moving_picture(folder, "large/wil/1")
+    with Image.open(path) as image:
+        shown_ms = []
+        for frame in range(getattr(image, "n_frames", 1)):
+            image.seek(frame)
+            shown_ms.append(image.info["duration"])
+    # From the goal to 2 s after the contact, and the last frame stays.
+    assert sum(shown_ms[:-1]) == pytest.approx(1000.0 * (TOUCHED_S + 2.0 - GOAL_S), abs=250.0)
+    assert shown_ms[-1] == 2500
+
+
+def test_the_images_are_those_of_the_times(folder: Path) -> None:
+    found = read_images(folder / "large/wil/1", mode="wil", wanted_s=[3.0, 5.0])
+    assert [one.t_s for one in found] == [3.0, 5.0]
+    assert all(set(one.images_bgr) == {"real", "twin", "mixed"} for one in found)
+    # The grey of the fixture tells the time of the exposure.
+    greys = [int(one.images_bgr["mixed"].mean()) for one in found]
+    assert greys[1] - greys[0] == pytest.approx(80, abs=6)
+    (alone,) = read_images(folder / "large/sim/1", mode="sim", wanted_s=[3.0])
+    assert set(alone.images_bgr) == {"twin"}
+
+
+def test_the_images_that_show_most_of_the_virtual_world_are_chosen() -> None:
+    def images(t_s: float, mixed: int) -> ImagesAtTime:
+        grey = np.full((4, 4, 3), 100, np.uint8)
+        return ImagesAtTime(t_s, {"real": grey, "mixed": np.full_like(grey, mixed)})
+
+    chosen = most_mixed([images(1.0, 120), images(2.0, 150), images(3.0, 100)])
+    assert chosen is not None
+    assert chosen.t_s == 2.0
+    last = most_mixed([images(1.0, 100), images(2.0, 100)])
+    assert last is not None
+    assert last.t_s == 2.0
+    assert most_mixed([]) is None
+
+
+def test_a_run_without_images_has_a_card_and_no_moving_picture(folder: Path) -> None:
+    (folder / "large/wil/1/run.mcap").unlink()
+    assert write_card(folder).stat().st_size > 1000
+    with pytest.raises(ResultsFolderError, match="no images of large/wil/1"):
+        write_moving_picture(folder)
+
+
+def test_colours_of_depths_have_their_scale_on_the_card(folder: Path) -> None:
+    campaign = read_campaign(folder)
+    run = read_run(folder, campaign.entries[0], ImageSize.for_runs(1))
+    nearest: tuple[int, int, int] = tuple(depth_scale(1, 1)[0, 0, ::-1].tolist())
+    for is_depth in (False, True):
+        images = ImagesAtTime(0.0, {}, is_depth)
+        draw_card(run, "gate", images).image.save(folder / "card.png")
+        assert has_colour(folder / "card.png", nearest) is is_depth
+
+
+def test_an_unknown_run_and_one_without_a_folder_are_named(folder: Path) -> None:
+    with pytest.raises(ResultsFolderError, match=r"--run small/wil/1: no run of .*large/sim/1"):
+        write_card(folder, "small/wil/1")
+    shutil.rmtree(folder / "large/wil/1")
+    with pytest.raises(ResultsFolderError, match="large/wil/1: the run was not flown"):
+        write_card(folder, "large/wil/1")
+
+
+def test_the_command_writes_both_and_names_them(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["report", str(folder), "--card", "--gif"]) == 0
+    said = capsys.readouterr().out
+    assert f"picture: {folder}/large/wil/1/card.png" in said
+    assert f"picture: {folder}/large/wil/1/flight.gif" in said
+    assert main(["report", str(folder), "--run", "large/wil/1"]) == 2
+    assert "--run large/wil/1 needs --card or --gif" in capsys.readouterr().err
+
+
+def test_a_line_that_is_too_long_is_cut_and_a_text_wraps() -> None:
+    sheet = Sheet(200, 100)
+    cut = sheet.fitted("a very long sentence about a flight", 14, 100.0)
+    assert cut.endswith("…")
+    assert sheet.width_of(cut, 14) <= 100.0
+    lines = sheet.wrapped("one two three four five six seven eight nine ten", 14, 100.0, 2)
+    assert len(lines) == 2
+    assert lines[0].startswith("one two")
+    assert lines[1].endswith("…")
