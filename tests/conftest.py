@@ -147,7 +147,7 @@ WALL = (
     "safety/guard/process",
     "vehicles/driver/test_conformance.py",
     "vehicles/embedded/process",
-    "vehicles/launch",
+    "plugins/firmware",
     "vehicles/links/test_flapping.py",
     "plugins/mavsdk",
     "wil_campaign/foundation/processes/test_other_systems.py",
@@ -193,7 +193,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     first, see vehicles that take half a minute until their first word.
     """
     if getattr(session.config.option, "numprocesses", None):
-        from wil_campaign.vehicles.embedded.control.law import load_kernels
+        from wil_campaign.vehicles.embedded.emulations import load_kernels
 
         load_kernels()
         gc.enable()  # the workers collect the tests
