@@ -10,6 +10,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import fcntl
 import gc
 import shutil
+import signal
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -22,6 +24,7 @@ import pytest
 from hypothesis import settings
 
 from tests.ports import free_port
+from wil_campaign.foundation.processes.linux import die_with_parent
 
 settings.register_profile("here", deadline=None)
 # CI searches the same way each time: more examples find nothing that the first run did not.
@@ -175,6 +178,12 @@ def pytest_xdist_auto_num_workers() -> int | None:
     if "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ:
         return None
     return (os.cpu_count() or 1) + 3
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """End a worker of pytest-xdist with pytest itself: else it would fly on for minutes."""
+    if hasattr(config, "workerinput") and sys.platform == "linux":
+        die_with_parent(signal.SIGTERM)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:

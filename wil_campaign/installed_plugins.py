@@ -189,6 +189,12 @@ def installed() -> tuple[Plugin, ...]:
     return tuple(Plugin(name, origins[name], adds[name]) for name in names)
 
 
+def of_others() -> Mapping[str, str]:
+    """Return by name the plugins that do not ship with this program: distribution and version."""
+    origins = _registered()[1]
+    return {name: origins[name] for name in sorted(origins) if origins[name] != _ORIGIN}
+
+
 def absent(hook: Callable[[], Sequence[Named]]) -> Mapping[str, str]:
     """Return by name what shipped plugins add that are not installed: whose it is, the remedy."""
     return {

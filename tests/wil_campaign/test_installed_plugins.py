@@ -227,6 +227,8 @@ def test_runs_fly_by_an_engine_of_another_distribution(
     assert not (tmp_path / "out").exists()
     assert main([*words, "--engine", "farm://a"]) == 0
     assert "on farm://a" in capsys.readouterr().out
+    (manifest,) = (tmp_path / "out").rglob("campaign.json")
+    assert json.loads(manifest.read_text())["plugins"] == {"sonar": "wil-sonar 1.2"}
 
 
 CHECK = """
