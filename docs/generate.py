@@ -3,7 +3,8 @@
 api.md, what files of users import, is made from the docstrings; the modules are read, not imported,
 so that the page is the same on every Python. lists.md is what `wil-campaign list` and the help of
 each command print. It is a hook of mkdocs.yml too: the site has these pages, and names files of the
-repository that are no pages.
+repository that are no pages. A clone has neither page, so that no committed page links to them:
+pages name the command that prints the same (`wil-campaign list oracles`), which the site links.
 """
 
 import ast
@@ -181,6 +182,11 @@ LISTED = {
 LIMITS = "wil_campaign.foundation.files.limits"
 
 
+def slug(title: str) -> str:
+    """Return a heading's anchor, as MkDocs and GitHub make it."""
+    return re.sub(r"[^\w\- ]", "", title.casefold()).replace(" ", "-")
+
+
 def limits() -> str:
     """Return the limits of files as a table."""
     rows = [
@@ -227,10 +233,36 @@ def on_pre_build(**_: object) -> None:
     main()
 
 
+PRINTED = {
+    **{f"`wil-campaign list {word}`": f"lists.md#{slug(title)}" for word, title in LISTED.items()},
+    "`wil-campaign list`": "lists.md",
+    "`wil-campaign COMMAND --help`": "lists.md#options-of-every-command",
+    "`wil_campaign.api`": "api.md",
+    "`wil_campaign/api.py`": "api.md",
+    "`wil_campaign/foundation/files/limits.py`": "lists.md#limits-of-files",
+}
+"""What pages name for the generated pages, and where the site has it."""
+
+
 def on_page_markdown(markdown: str, page: object, **_: object) -> str:
-    """Return a page's text, in which a link to a file outside of docs/ is that file's name."""
-    up = str(page.file.src_uri).count("/") + 1  # type: ignore[attr-defined]
-    return re.sub(rf"\[[^]]+\]\((?:\.\./){{{up}}}([^)#]+)[^)]*\)", r"`\1`", markdown)
+    """Return a page's text as the site shows it.
+
+    A link to a file outside of docs/ is that file's name; what prints or has the text of a
+    generated page is a link to that page.
+    """
+    here = str(page.file.src_uri)  # type: ignore[attr-defined]
+    depth = here.count("/")
+    shown = re.sub(rf"\[[^]]+\]\((?:\.\./){{{depth + 1}}}([^)#]+)[^)]*\)", r"`\1`", markdown)
+    if depth or here in {"api.md", "lists.md"}:
+        return shown
+    parts = re.split(r"(?ms)(^```.*?^```$|\[[^]]*\]\([^)]*\))", shown)
+    return "".join(part if number % 2 else _linked(part) for number, part in enumerate(parts))
+
+
+def _linked(text: str) -> str:
+    """Return text in which each name of PRINTED is a link."""
+    names = "|".join(map(re.escape, PRINTED))
+    return re.sub(names, lambda found: f"[{found[0]}]({PRINTED[found[0]]})", text)
 
 
 if __name__ == "__main__":

@@ -31,17 +31,20 @@ def commands(found: Any) -> list[str]:
     return []
 
 
+WORKFLOWS = [path.read_text("utf-8") for path in (ROOT / "docs" / "examples").glob("*.yml")]
 LINES = [
     line
-    for text in (*blocks("yaml"), _filled("github-workflow.yml.in", "first"))
+    for text in (*blocks("yaml"), *WORKFLOWS, _filled("github-workflow.yml.in", "first"))
     for line in commands(yaml.safe_load(text))
     if line.startswith("wil-campaign ")
 ] + [line for text in blocks("sh") for line in text.splitlines()]
 
 
 def test_the_page_has_both_systems_with_junit() -> None:
-    _, github, gitlab, *_ = (yaml.safe_load(text) for text in blocks("yaml"))
-    assert "upload-artifact" in str(github["jobs"]["fly"]["steps"])
+    _, gitlab = (yaml.safe_load(text) for text in blocks("yaml"))
+    github = yaml.safe_load(_filled("github-workflow.yml.in", "first"))
+    assert "upload-artifact" in str(github["jobs"])
+    assert "--junit" in str(github["jobs"])
     assert gitlab["fly"]["artifacts"]["reports"]["junit"] == "junit.xml"
     assert len(LINES) >= 8
 
@@ -55,8 +58,8 @@ def test_the_page_uses_the_action_of_this_repository_by_its_inputs() -> None:
     assert needed <= set(step["with"])
 
 
-def test_the_page_builds_a_wheel_tries_it_and_attaches_it() -> None:
-    *_, wheel, _ = (yaml.safe_load(text) for text in blocks("yaml"))
+def test_a_workflow_to_copy_builds_a_wheel_tries_it_and_attaches_it() -> None:
+    wheel = yaml.safe_load((ROOT / "docs" / "examples" / "wheel.yml").read_text("utf-8"))
     assert wheel[True]["push"]["tags"]  # YAML 1.1 reads the key `on` as true
     lines = [step["run"] for step in wheel["jobs"]["wheel"]["steps"] if "run" in step]
     order = ("pip wheel", "pip install", "wil-campaign --version", "wil-campaign run", "gh release")

@@ -130,20 +130,13 @@ def test_the_commands_of_the_image_are_ours_and_their_campaigns_are_there() -> N
         assert (ROOT / file).is_file(), words
 
 
-def night_job(kind: str) -> str:
-    """Return a nightly job of docs/cluster.md."""
-    page = (ROOT / "docs" / "cluster.md").read_text("utf-8")
-    found = re.search(rf"<!-- night: {kind} -->\n```\w+\n(.*?)```", page, re.DOTALL)
-    assert found is not None
-    return found[1]
+EXAMPLES = ROOT / "docs" / "examples"
 
 
-@pytest.mark.parametrize("script", [".ci/run", ".ci/run-ray", "slurm"])
-def test_the_scripts_of_ci_and_of_a_night_are_scripts(tmp_path: Path, script: str) -> None:
-    """`.ci/run-ray` runs the latter with a real Ray, each night."""
-    path = tmp_path / "job" if script == "slurm" else ROOT / script
-    if script == "slurm":
-        path.write_text(night_job("slurm"))
+@pytest.mark.parametrize("script", [".ci/run", ".ci/run-ray", "docs/examples/night.sbatch"])
+def test_the_scripts_of_ci_and_of_a_night_are_scripts(script: str) -> None:
+    """`.ci/run-ray` runs the last one with a real Ray, each night."""
+    path = ROOT / script
     done = subprocess.run(  # noqa: S603 - our own scripts
         ["bash", "-n", str(path)],  # noqa: S607
         capture_output=True,
@@ -154,7 +147,7 @@ def test_the_scripts_of_ci_and_of_a_night_are_scripts(tmp_path: Path, script: st
 
 
 def test_all_pods_of_the_kubernetes_night_have_one_image_and_the_token() -> None:
-    spec = yaml.safe_load(night_job("kubernetes"))["spec"]
+    spec = yaml.safe_load((EXAMPLES / "night.yaml").read_text("utf-8"))["spec"]
     cluster = spec["rayClusterSpec"]
     pods = [cluster["headGroupSpec"], *cluster["workerGroupSpecs"]]
     containers = [pod["template"]["spec"]["containers"][0] for pod in pods]

@@ -18,13 +18,13 @@ from wil_campaign.orchestrator.recording.trajectory import COLUMNS
 from wil_campaign.plugins.paper_xml.paper_xml import parse_paper_xml
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.model.recipe import Recipe
-from wil_campaign.recipes.model.registry import STAGES, StepType, steps
+from wil_campaign.recipes.model.registry import STAGES, steps
 from wil_campaign.recipes.pipeline.pipeline import compile_recipe
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 RECIPES = (DOCS / "recipes.md").read_text(encoding="utf-8")
-ROW = re.compile(r"^\| `(\w+)` \| ([^|]+) \| `(.+?)` \| .+ \|$", re.MULTILINE)
+ROW = re.compile(r"^\| `(\{?(\w+).*?)` \| .+ \|$", re.MULTILINE)
 MORE_STEPS = """
 
 class Brightest:
@@ -68,40 +68,37 @@ def test_the_xml_of_the_page_is_a_recipe() -> None:
     assert steps_of == ["resize", "isolate_color"]
 
 
-def tables() -> dict[str, list[tuple[str, str, str]]]:
-    """Return the rows of each stage's table: step, sensors, example."""
-    found: dict[str, list[tuple[str, str, str]]] = {}
+def tables() -> dict[str, list[tuple[str, str]]]:
+    """Return the rows of each stage's table: step, example."""
+    found: dict[str, list[tuple[str, str]]] = {}
     for stage in STAGES:
         _, _, section = RECIPES.partition(f"### {stage.capitalize()}\n")
-        found[stage] = ROW.findall(section.partition("\n\n")[0])
+        rows = ROW.findall(section.partition("\n\n")[0])
+        found[stage] = [(name, example) for example, name in rows]
     return found
 
 
-def test_every_step_stands_on_the_page_with_the_sensors_that_it_works_on() -> None:
-    every = len({sensor for kind in steps() for sensor in kind.sensors})
+def sensors_of(name: str, stage: str) -> tuple[str, ...]:
+    (kind,) = (kind for kind in steps() if (kind.name, kind.stage) == (name, stage))
+    return tuple(kind.sensors)
 
-    def sensors(kind: StepType) -> str:
-        return "every sensor" if len(kind.sensors) == every else ", ".join(kind.sensors)
 
-    listed = {(name, stage): works for stage, rows in tables().items() for name, works, _ in rows}
-    made = {(kind.name, kind.stage): sensors(kind) for kind in steps()}
-    assert listed == made, "recipes.md: `every sensor` is of steps that name all SENSOR_TYPES"
+def test_every_step_stands_on_the_page() -> None:
+    listed = [(name, stage) for stage, rows in tables().items() for name, _ in rows]
+    assert sorted(listed) == sorted((kind.name, kind.stage) for kind in steps())
 
 
 @pytest.mark.parametrize(
-    ("stage", "example", "sensor"),
-    [
-        (stage, example, "camera" if works == "every sensor" else works.split(", ")[-1])
-        for stage, rows in tables().items()
-        for _, works, example in rows
-    ],
+    ("stage", "name", "example"),
+    [(stage, name, example) for stage, rows in tables().items() for name, example in rows],
 )
 def test_every_example_of_a_step_is_understood(
-    tmp_path: Path, stage: str, example: str, sensor: str
+    tmp_path: Path, stage: str, name: str, example: str
 ) -> None:
     (tmp_path / "my_steps.py").write_text(blocks("python")[0] + MORE_STEPS)
-    name = example.strip("{").partition(":")[0]
-    given = FITTING.get(name, sensor)
+    sensors = sensors_of(name, stage)
+    works_on_all = len(sensors) == len({sensor for kind in steps() for sensor in kind.sensors})
+    given = FITTING.get(name, "camera" if works_on_all else sensors[-1])
     made = GIVES.get(name, given)
     beside = f"{stage}: [{example}], merge: {MERGES.get(made, 'overlay')}"
     step = f"merge: {example}" if stage == "merge" else beside
@@ -154,8 +151,8 @@ def test_every_barrier_names_a_test() -> None:
 
 
 def test_every_difference_of_the_embedded_vehicles_names_its_tests() -> None:
-    page = (DOCS / "vehicle.md").read_text(encoding="utf-8")
-    _, _, section = page.partition("## Where it differs from the firmwares\n")
+    decision = (DECISIONS / "0023-control-laws-of-the-firmwares.md").read_text(encoding="utf-8")
+    _, _, section = decision.partition("## Where it differs from the firmwares\n")
     rows = [line for line in section.splitlines() if line.startswith("|")]
     told = [row for row in rows if not row.startswith(("|---", "| feature", "| where the two"))]
     assert len(told) > 30
@@ -178,12 +175,14 @@ CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 BY_NAME = frozenset(
     {
         "campaigns/autonomies/gate.py",
+        "vehicles/autopilots/px4.py",
+        "vehicles/links/udp.py",
         "recipes/steps/filter/isolation.py",
         "recipes/steps/merge/overlays.py",
     }
 )
 """Files of a way that no other one of it imports: a registry or a folder finds them by name."""
-WAY = re.compile(r"^## (The way of .+?)\n(.+?)^## ", re.MULTILINE | re.DOTALL)
+WAY = re.compile(r"^## (The way of .+?)\n(.+?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
 
 
 def test_the_page_is_read_in_one_sitting() -> None:
@@ -296,7 +295,7 @@ def test_the_glossary_is_sorted_and_the_index_has_every_page() -> None:
     assert len(words) > 30
     assert words == sorted(words)
     index = (DOCS / "index.md").read_text("utf-8")
-    pages = {path.name for path in DOCS.glob("*.md")} - {"index.md"}
+    pages = {path.name for path in DOCS.glob("*.md")} - {"index.md", "api.md", "lists.md"}
     assert {name for name in pages if f"({name})" not in index} == set()
 
 
@@ -310,3 +309,59 @@ def test_a_list_or_table_begins_after_a_blank_line(page: Path) -> None:
         first, *rest = block.strip("\n").splitlines() or [""]
         if not first.startswith((" ", "#")) and not begins.match(first):
             assert [line for line in rest if begins.match(line)] == [], block
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda page: page.name)
+def test_a_table_has_a_header_and_its_columns_in_each_row(page: Path) -> None:
+    """A blank line within a table would end it: the rows after it are text then."""
+    text = re.sub(r"(?ms)^ *```.*?^ *```$", "", page.read_text("utf-8"))
+    for table in re.findall(r"(?m)^\|.*\n(?:\|.*\n?)*", text):
+        first, second, *rows = re.sub(r"`[^`\n]*`", "", table).splitlines()
+        assert set(second) <= set("|-"), table
+        cells = [row.count("|") for row in (first, second, *rows)]
+        assert len(set(cells)) == 1, table
+
+
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.rglob("*.md")]
+COMMITTED = [path for path in PAGES if path not in {generate.API, generate.LISTS}]
+LINK = re.compile(r"\]\((?!https?:|mailto:)([^)#\s]*)(?:#([^)\s]+))?\)")
+
+
+def without_code(page: Path) -> str:
+    return re.sub(r"(?ms)^ *```.*?^ *```$|`[^`\n]+`", "", page.read_text("utf-8"))
+
+
+def anchors(page: Path) -> set[str]:
+    text = re.sub(r"(?ms)^```.*?^```$", "", page.read_text("utf-8"))
+    return {generate.slug(title.strip()) for title in re.findall(r"(?m)^#+ (.+)$", text)}
+
+
+@pytest.mark.parametrize("page", COMMITTED, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_no_link_of_a_committed_page_is_dead_in_a_clone(page: Path) -> None:
+    """A clone has no generated page; the site links what names them (docs/generate.py)."""
+    for name, anchor in LINK.findall(without_code(page)):
+        target = Path(os.path.normpath(page.parent / name)) if name else page
+        assert target.exists(), name
+        assert target not in {generate.API, generate.LISTS}, name
+        if anchor and target.suffix == ".md":
+            assert anchor in anchors(target), f"{name}#{anchor}"
+
+
+def test_the_site_links_what_names_a_generated_page() -> None:
+    """`mkdocs build --strict` says whether the links of the site lead somewhere."""
+
+    class Page:
+        class file:  # noqa: N801 - as MkDocs names it
+            src_uri = "oracles.md"
+
+    oracles = generate.on_page_markdown("`wil-campaign list oracles` has keys", Page())
+    assert (
+        oracles == "[`wil-campaign list oracles`](lists.md#oracles-and-the-keys-of-each) has keys"
+    )
+    shown = generate.on_page_markdown("[its names](../wil_campaign/api.py)", Page())
+    assert shown == "[`wil_campaign/api.py`](api.md)"
+    kept = "```sh\n`wil-campaign list oracles`\n```"
+    assert generate.on_page_markdown(kept, Page()) == kept
+    pages = "".join(page.read_text("utf-8") for page in DOCS.glob("*.md"))
+    named = [name for name in generate.PRINTED if name in pages or f"(../{name[1:-1]})" in pages]
+    assert named == list(generate.PRINTED), "a page names each"

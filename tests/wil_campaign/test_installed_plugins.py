@@ -710,10 +710,17 @@ def test_a_plugin_that_cannot_be_used_is_named(
 def test_the_plugin_of_the_page_flies(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = (ROOT / "docs" / "plugins.md").read_text("utf-8")
-    files = dict(re.findall(r"^```python\n# (\S+)\n(.+?)^```$", page, re.MULTILINE | re.DOTALL))
+    home = ROOT / "docs" / "examples" / "wil-lab"
+    files = {
+        path.relative_to(home).as_posix(): path.read_text("utf-8")
+        for path in home.glob("wil_lab/*.py")
+    }
     assert len([line for source in files.values() for line in source.splitlines() if line]) <= 90
-    assert 'lab = "wil_lab.plugin"' in page
+    assert 'lab = "wil_lab.plugin"' in (home / "pyproject.toml").read_text("utf-8")
+    page = (ROOT / "docs" / "plugins.md").read_text("utf-8")
+    assert f"```python\n# wil_lab/plugin.py\n{files['wil_lab/plugin.py']}```" in page
+    named = set(re.findall(r"\]\(examples/wil-lab/(.+?\.py)\)", page))
+    assert named == set(files) - {"wil_lab/plugin.py"}
     put_distribution(tmp_path, "lab", "wil_lab.plugin", files)
     monkeypatch.syspath_prepend(tmp_path)
     forget_plugins()
