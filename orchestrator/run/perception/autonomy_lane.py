@@ -26,7 +26,7 @@ from wil_campaign.orchestrator.run.perception.autonomy_calls import (
     frames_in_words,
     require_run,
 )
-from wil_campaign.orchestrator.run.perception.call_marker import calling
+from wil_campaign.orchestrator.state.call_marker import calling
 from wil_campaign.vehicles.autonomy import Command
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.vehicles.readings.copies import copied

@@ -40,7 +40,7 @@ from wil_campaign.orchestrator.operator.run_messages import (
     Progress,
     Report,
 )
-from wil_campaign.orchestrator.run.perception.call_marker import CallMark
+from wil_campaign.orchestrator.state.call_marker import CallMark
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.vehicles.vehicle_server_process import vehicle_server
 
