@@ -38,7 +38,6 @@ from wil_campaign.orchestrator.run.flight.run import fly
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.vehicles.autopilots.autopilot import (
-    AutopilotName,
     MessageRate,
     Target,
     own_heartbeat,
@@ -177,14 +176,14 @@ def one_run(mode: str, aim: str, floor: str) -> list[Figure]:
     ]
 
 
-def lone_vehicle(autopilot: AutopilotName, physics: Physics = "jsbsim") -> list[Figure]:
+def lone_vehicle(autopilot: str, physics: Physics = "jsbsim") -> list[Figure]:
     """Have a vehicle hover for two minutes, with estimates at 50 Hz and nobody at its link."""
     rates = [_HOVER_S / run_virtual(_hover_cpu_s(autopilot, physics)) for _ in range(_TRIALS)]
     floor = "700 (JSBSim alone)" if physics == "jsbsim" else ""
     return [Figure.of(f"{autopilot} alone, {physics}", rates, _PER_CPU, aim="500", floor=floor)]
 
 
-async def _hover_cpu_s(autopilot: AutopilotName, physics: Physics) -> float:
+async def _hover_cpu_s(autopilot: str, physics: Physics) -> float:
     """Return the CPU seconds that an embedded vehicle's hover takes."""
     near, far = memory_pair(latency_s=0.003)
     profile = load_profile("nominal")

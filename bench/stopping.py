@@ -27,7 +27,6 @@ from wil_campaign.safety.fence.stopping import (
 )
 from wil_campaign.safety.guard.core.events import GuardSettings
 from wil_campaign.safety.guard.core.velocity_command import VelocityCommand
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
@@ -108,7 +107,7 @@ def _predicted_m(motion: Motion) -> list[float]:
     ]
 
 
-async def fly(autopilot: AutopilotName, profile: str | None) -> int:
+async def fly(autopilot: str, profile: str | None) -> int:
     """Return how many paths were longer than predicted."""
     near, far = memory_pair(latency_s=0.003)
     config = EmbeddedConfig(

@@ -10,6 +10,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import fcntl
 import gc
 import shutil
+import signal
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -22,6 +24,7 @@ import pytest
 from hypothesis import settings
 
 from tests.ports import free_port
+from wil_campaign.foundation.processes.linux import die_with_parent
 
 settings.register_profile("here", deadline=None)
 # CI searches the same way each time: more examples find nothing that the first run did not.
@@ -144,7 +147,7 @@ WALL = (
     "safety/guard/process",
     "vehicles/driver/test_conformance.py",
     "vehicles/embedded/process",
-    "vehicles/launch",
+    "plugins/firmware",
     "vehicles/links/test_flapping.py",
     "plugins/mavsdk",
     "wil_campaign/foundation/processes/test_other_systems.py",
@@ -177,6 +180,12 @@ def pytest_xdist_auto_num_workers() -> int | None:
     return (os.cpu_count() or 1) + 3
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """End a worker of pytest-xdist with pytest itself: else it would fly on for minutes."""
+    if hasattr(config, "workerinput") and sys.platform == "linux":
+        die_with_parent(signal.SIGTERM)
+
+
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile the control laws before workers of pytest-xdist start, where they are not kept yet.
 
@@ -184,7 +193,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     first, see vehicles that take half a minute until their first word.
     """
     if getattr(session.config.option, "numprocesses", None):
-        from wil_campaign.vehicles.embedded.control.law import load_kernels
+        from wil_campaign.vehicles.embedded.emulations import load_kernels
 
         load_kernels()
         gc.enable()  # the workers collect the tests

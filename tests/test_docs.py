@@ -156,7 +156,11 @@ def test_every_difference_of_the_embedded_vehicles_names_its_tests() -> None:
     rows = [line for line in section.splitlines() if line.startswith("|")]
     told = [row for row in rows if not row.startswith(("|---", "| feature", "| where the two"))]
     assert len(told) > 30
-    sources = "".join(path.read_text() for path in (ROOT / "tests/vehicles").rglob("test_*.py"))
+    files = (
+        (ROOT / "tests").glob("vehicles/**/test_*.py"),
+        (ROOT / "tests/plugins").rglob("test_*.py"),
+    )
+    sources = "".join(path.read_text() for each in files for path in each)
     there = set(re.findall(r"^(?:async )?def (test_\w+)\(", sources, re.MULTILINE))
     for row in told:
         named = re.findall(r"`(test_\w+)`", row.rpartition("| ")[2])

@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 
 from wil_campaign.foundation.processes.fork_server import serve
-from wil_campaign.vehicles.embedded.control.law import load_kernels
+from wil_campaign.vehicles.embedded.emulations import emulations, load_kernels
 from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate
 from wil_campaign.vehicles.embedded.process.embedded_process import main as fly
 from wil_campaign.worlds.jit import is_cached
@@ -25,6 +25,7 @@ _WORDS = 4
 
 def main(arguments: list[str]) -> int:
     """Serve until no client is left; return the exit code, 1 where a fork would not be safe."""
+    emulations()  # imported
     if is_cached(estimate):  # else the first vehicle compiles them
         load_kernels()
     gc.freeze()

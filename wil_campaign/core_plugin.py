@@ -1,6 +1,18 @@
 """What the core itself adds by the hooks: a part of it is registered by its line here."""
 
-from wil_campaign.hooks import OracleKind, RecipeStep, SensorKind, implements
+from wil_campaign.hooks import AutopilotKind, OracleKind, RecipeStep, SensorKind, implements
+
+
+@implements
+def autopilots() -> tuple[AutopilotKind, ...]:
+    """Return the core's autopilot."""
+    return (
+        AutopilotKind(
+            "px4",
+            strategy="wil_campaign.vehicles.autopilots.px4:Px4",
+            emulation="wil_campaign.vehicles.embedded.autopilot.px4.px4:Px4",
+        ),
+    )
 
 
 @implements

@@ -284,6 +284,32 @@ class SensorKind:
 
 
 @dataclass(frozen=True, slots=True)
+class AutopilotKind:
+    """An autopilot, which campaigns name.
+
+    name: in campaigns. strategy: a class derived from `Autopilot`: its messages, failsafes, fence.
+    emulation: one derived from `EmulatedAutopilot`, which flies embedded vehicles. injection: the
+    `Rules` by which it acts on messages of `inject`; empty where the plugin injection has them.
+    """
+
+    name: str
+    strategy: str
+    emulation: str
+    injection: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LaunchKind:
+    """A launch of an autopilot's own simulation, which the `link` of a vehicle asks for.
+
+    name: of the autopilot. part: the class of the link's keys, a `LaunchPart`.
+    """
+
+    name: str
+    part: str
+
+
+@dataclass(frozen=True, slots=True)
 class ReportSection:
     """A section of the report of a campaign, in front of its runs.
 
@@ -454,6 +480,16 @@ def engines() -> Sequence[Engine]:  # type: ignore[empty-body]
 @_hook
 def recipe_formats() -> Sequence[RecipeFormat]:  # type: ignore[empty-body]
     """Return formats of recipe files."""
+
+
+@_hook
+def autopilots() -> Sequence[AutopilotKind]:  # type: ignore[empty-body]
+    """Return autopilots, which fly vehicles."""
+
+
+@_hook
+def launches() -> Sequence[LaunchKind]:  # type: ignore[empty-body]
+    """Return launches of autopilots' own simulations."""
 
 
 @_hook

@@ -19,6 +19,7 @@ import pluggy
 from wil_campaign import core_plugin, hooks
 
 SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "ardupilot": {"autopilots": ("ardupilot",), "launches": ("ardupilot",)},
     "calibration": {"commands": ("calibrate",)},
     "cameras": {"image_sources": ("rtsp", "rtp", "v4l2", "images", "video", "mcap")},
     "ci": {"announcers": ("ci",), "problem_formats": ("sarif", "codequality")},
@@ -27,6 +28,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "depth_cameras": {"sources": ("rtp", "realsense")},
     "doctor": {"commands": ("doctor",)},
     "encounters": {"oracles": ("distance", "encounter")},
+    "firmware": {"launches": ("px4",)},
     "foxglove": {"live_views": ("foxglove",)},
     "injection": {"run_observers": ("inject",)},
     "logs": {"starters": ("log",)},
@@ -151,12 +153,14 @@ def added(
 def loaded(hook: Callable[[], Sequence[Addition]], field: str) -> Mapping[str, Any]:
     """Return by name what all additions of a hook name by one of their fields, imported.
 
-    The core's own come first. Raises BadInput as `added` does.
+    The core's own come first; without those where it is empty. Raises BadInput as `added` does.
     """
     added(hook)
     found: dict[str, Any] = {}
     for plugin, addition in _additions(hook):
         place = getattr(addition, field)
+        if not place:
+            continue
         try:
             found[addition.name] = load(place)
             _require_name(found[addition.name], addition.name)
@@ -183,6 +187,12 @@ def installed() -> tuple[Plugin, ...]:
                 adds[plugin][name] = (*adds[plugin].get(name, ()), addition.name)
     names = sorted(name for name in origins if name != _CORE)
     return tuple(Plugin(name, origins[name], adds[name]) for name in names)
+
+
+def of_others() -> Mapping[str, str]:
+    """Return by name the plugins that do not ship with this program: distribution and version."""
+    origins = _registered()[1]
+    return {name: origins[name] for name in sorted(origins) if origins[name] != _ORIGIN}
 
 
 def absent(hook: Callable[[], Sequence[Named]]) -> Mapping[str, str]:

@@ -10,7 +10,6 @@ from wil_campaign.campaigns.values.sensor_setups import options_of
 from wil_campaign.foundation.files.documents import Problem
 from wil_campaign.hooks import drivers
 from wil_campaign.installed_plugins import added
-from wil_campaign.vehicles.launch.px4 import Px4Launch
 from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions
 
 
@@ -36,31 +35,24 @@ def vehicle_problems(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Probl
 
 def _pace_problems(files: CaseFiles, case: Case, flown: Sequence[FlownSetup]) -> Iterator[Problem]:
     """Yield vehicles of a pair that are simulated at different paces (embedded ones adapt)."""
-    paces = {one.name: pace for one in flown if (pace := one.launch_pace) is not None}
-    if not paces:
+    first = next((one.launch.pace for one in flown if one.launch is not None), None)
+    if first is None:
         return
-    first = next(iter(paces.values()))
     if case.speed not in {None, first}:
         message = f"the link of a launched simulation sets the speed to {first:g}; remove this key"
         yield files.campaign.problem(("clock", "speed"), message)
     for one in flown:
-        path = (*one.path, "link", _pace_key(one))
-        if one.name in paces and paces[one.name] != first:
+        if one.launch is not None and one.launch.pace != first:
             message = f"the other vehicle flies at {first:g} times real time; both need the same"
+            path = (*one.path, "link", one.launch.pace_key)
             yield files.campaign.problem(path, message)
     attached = next((one.name for one in flown if one.attached is not None), None)
     if attached is not None and first != 1.0:
-        launched = next(one for one in flown if one.launch is not None)
-        path = (*launched.path, "link", _pace_key(launched))
-        message = (
-            f"{attached} is attached and runs in real time only; remove '{_pace_key(launched)}'"
+        where, key = next(
+            (one.path, one.launch.pace_key) for one in flown if one.launch is not None
         )
-        yield files.campaign.problem(path, message)
-
-
-def _pace_key(vehicle: FlownSetup) -> str:
-    """Return the campaign key that sets a launched vehicle's pace: PX4 speed, ArduPilot speedup."""
-    return "speed" if isinstance(vehicle.launch, Px4Launch) else "speedup"
+        message = f"{attached} is attached and runs in real time only; remove '{key}'"
+        yield files.campaign.problem((*where, "link", key), message)
 
 
 def _pair_problems(files: CaseFiles, case: Case) -> Iterator[Problem]:

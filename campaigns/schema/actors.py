@@ -5,18 +5,18 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from wil_campaign.campaigns.schema.vehicles import (
-    LaunchPart,
+    AnyLaunch,
+    AutopilotName,
     ParameterName,
     SigningPart,
     StartPart,
     TelemetryPart,
-    Text,
     vehicle_link,
 )
 from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.safety.fence.fence_schema import FencePart
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.embedded.physics.config import Physics
+from wil_campaign.vehicles.launch import Text
 
 ActorPoses = Literal["simulator", "mavlink"]
 
@@ -60,7 +60,7 @@ class ActorPart(Part):
     position.
     """
 
-    link: Annotated[str, AfterValidator(vehicle_link)] | LaunchPart
+    link: Annotated[str, AfterValidator(vehicle_link)] | AnyLaunch
     virtual: Literal["embedded"] | ElsewherePart | None = None
     autopilot: AutopilotName
     profile: Text = "nominal"

@@ -192,7 +192,7 @@ class RecordPart(Part):
     each run is written, too, after the landing.
     """
 
-    pictures: ImageFormat = "jpeg"
+    pictures: Literal["needed"] | ImageFormat = "needed"
     video: Literal["failed", "always", "never"] = "failed"
     quality: Annotated[int, Field(ge=1, le=100)] = 85
     vehicle_logs: bool = False

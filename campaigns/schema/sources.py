@@ -20,6 +20,7 @@ from wil_campaign.foundation.files.documents import KeyFaultError, Part
 from wil_campaign.foundation.files.paths import exists, is_folder
 from wil_campaign.hooks import image_sources, motion_captures, sources
 from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions
 from wil_campaign.vehicles.sources.readings.mavlink_messages import MESSAGES
 
@@ -301,14 +302,11 @@ class SourcedPart(CarriedPart):
         if self.source is None or self.source.kind != "mavlink" or not there:
             return None
         given = self.source.message
-        usual = "RAW_IMU" if there[0] == "HIGHRES_IMU" and autopilot == "ardupilot" else there[0]
-        if there[0] == "OBSTACLE_DISTANCE" and autopilot == "ardupilot":
-            fault = (
-                "ArduPilot sends no OBSTACLE_DISTANCE (its proximity sensor's sectors are "
-                "DISTANCE_SENSOR messages): use tcp:// or an MCAP file"
-            )
+        strategy = autopilot_named(autopilot)
+        usual = strategy.imu_message if there[0] == "HIGHRES_IMU" else there[0]
+        if fault := strategy.unsent_messages.get(usual):
             raise KeyFaultError(("source", "address"), fault)
-        if given == "RAW_IMU" and autopilot != "ardupilot":
+        if given == "RAW_IMU" != strategy.imu_message:
             fault = (
                 "MAVLink gives RAW_IMU no unit, and only ArduPilot's is known (milli-g and "
                 "mrad/s): use HIGHRES_IMU or SCALED_IMU"

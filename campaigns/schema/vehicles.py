@@ -1,21 +1,24 @@
 """`vehicles`: the real vehicle and its twin."""
 
 import math
-from typing import Annotated, Literal, Self, get_args
+from collections.abc import Callable, Sequence
+from functools import reduce
+from operator import or_
+from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import AfterValidator, Field, JsonValue, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, model_validator
 from pydantic_core import PydanticKnownError
 
 from wil_campaign.campaigns.schema.sensors import SensorPart
 from wil_campaign.campaigns.schema.sources import MocapPart
 from wil_campaign.campaigns.values.external_setups import PoseAccuracy, PoseSource
-from wil_campaign.foundation.files.documents import KeyFaultError, Part
-from wil_campaign.hooks import drivers
-from wil_campaign.installed_plugins import absent, added
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.foundation.files.documents import KeyFaultError, Later, Part
+from wil_campaign.hooks import autopilots, drivers, launches
+from wil_campaign.installed_plugins import Named, absent, added, loaded
 from wil_campaign.vehicles.command_backends import OWN_FRAMES
 from wil_campaign.vehicles.coupling import Coupling
 from wil_campaign.vehicles.embedded.physics.config import Physics
+from wil_campaign.vehicles.launch import LaunchPart, Pace, Text
 from wil_campaign.vehicles.links.link_strings import LinkAddressError, parse_link
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.parts import BoxShape
@@ -23,30 +26,42 @@ from wil_campaign.worlds.scene.parts import BoxShape
 VehicleName = Literal["real", "twin"]
 VEHICLES: tuple[VehicleName, ...] = get_args(VehicleName)
 
+Hook = Callable[[], Sequence[Named]]
 ParameterName = Annotated[str, Field(pattern=r"^[A-Z0-9_]{1,16}$")]
 """MAVLink's param_id has 16 characters."""
-Text = Annotated[str, Field(min_length=1)]
 
 
-def _driver(name: str) -> str:
-    """Refuse a vehicle's driver that there is not, or whose plugin is not installed."""
-    if why := absent(drivers).get(name):
-        raise ValueError(why)
-    if name not in (known := _drivers()):
-        raise PydanticKnownError("literal_error", {"expected": " or ".join(map(repr, known))})
-    return name
+def _known(hook: Hook, own: Sequence[str]) -> list[str]:
+    return [*own, *added(hook)]
 
 
-def _drivers() -> list[str]:
-    return [OWN_FRAMES, *added(drivers)]
+def _one_of(hook: Hook, *own: str) -> Callable[[str], str]:
+    """Return what refuses a name that no plugin adds by a hook. own: names of the core."""
+
+    def check(name: str) -> str:
+        if why := absent(hook).get(name):
+            raise ValueError(why)
+        if name not in (known := _known(hook, own)):
+            raise PydanticKnownError("literal_error", {"expected": " or ".join(map(repr, known))})
+        return name
+
+    return check
 
 
-def _drivers_of_schema(schema: dict[str, JsonValue]) -> None:
-    schema["enum"] = [*_drivers()]
+def _enum_of(hook: Hook, *own: str) -> Callable[[dict[str, JsonValue]], None]:
+    """Return what lists such names in a JSON Schema."""
+    return lambda schema: schema.update(enum=[*_known(hook, own)])
 
 
-DriverName = Annotated[str, AfterValidator(_driver), Field(json_schema_extra=_drivers_of_schema)]
-Speedup = Annotated[float, Field(gt=0, le=100)]
+DriverName = Annotated[
+    str,
+    AfterValidator(_one_of(drivers, OWN_FRAMES)),
+    Field(json_schema_extra=_enum_of(drivers, OWN_FRAMES)),
+]
+AutopilotName = Annotated[
+    str, AfterValidator(_one_of(autopilots)), Field(json_schema_extra=_enum_of(autopilots))
+]
+Speedup = Pace
 
 
 class StartPart(Part):
@@ -122,45 +137,27 @@ def _spare(text: str) -> str:
     return vehicle_link(text)
 
 
-class ArduPilotLaunchPart(Part):
-    """A vehicle's `launch` of ArduCopter's own simulation (SITL).
-
-    binary: one built for SITL, beside this file or on PATH. defaults: parameter files, later ones
-    win. launch: the autopilot whose simulation is started. frame: ArduPilot's name of the airframe
-    (its --model). speedup: how many times real time it simulates, at most 100.
-    """
-
-    launch: Literal["ardupilot"]
-    binary: Text
-    frame: Text = "quad"
-    defaults: list[Text] = Field(default_factory=list)
-    speedup: Speedup = 1.0
+def _any_launch() -> Any:
+    parts = [part for _, part in sorted(loaded(launches, "part").items())]
+    if len(parts) < 2:
+        return parts[0] if parts else LaunchPart
+    either: Any = reduce(or_, parts)
+    return Annotated[either, Field(discriminator="launch")]
 
 
-class Px4LaunchPart(Part):
-    """A vehicle's `launch` of PX4's own simulation: from a `build` folder or an `image`.
-
-    launch: the autopilot whose simulation is started. build: a folder of PX4 that was built for
-    SITL, such as build/px4_sitl_default. image: a container image that holds a PX4 built for SITL.
-    model: PX4's name of the simulated airframe (PX4_SIM_MODEL). speed: how many times real time it
-    simulates, at most 100.
-    """
-
-    launch: Literal["px4"]
-    build: Text | None = None
-    image: Text | None = None
-    model: Text = "sihsim_quadx"
-    speed: Speedup = 1.0
-
-    @model_validator(mode="after")
-    def _require_exactly_one(self) -> Self:
-        """Require either build or image for launching a PX4 vehicle."""
-        if (self.build is None) == (self.image is None):
-            raise ValueError("give the build folder, or the image")
-        return self
+def _launchable(value: JsonValue) -> JsonValue:
+    """Refuse a launch whose plugin is not installed."""
+    name = value.get("launch") if isinstance(value, dict) else None
+    if isinstance(name, str) and name not in added(launches):
+        if why := absent(launches).get(name):
+            raise ValueError(why)
+        if not added(launches):
+            raise ValueError("no plugin launches a simulation")
+    return value
 
 
-LaunchPart = Annotated[ArduPilotLaunchPart | Px4LaunchPart, Field(discriminator="launch")]
+AnyLaunch = Annotated[LaunchPart, Later(_any_launch), BeforeValidator(_launchable)]
+"""The launch of any autopilot's simulation; `launch` selects the model."""
 
 
 class SigningPart(Part):
@@ -215,7 +212,7 @@ class VehiclePart(Part):
     where the estimator loses what held its position at arming.
     """
 
-    link: Annotated[str, AfterValidator(vehicle_link)] | LaunchPart
+    link: Annotated[str, AfterValidator(vehicle_link)] | AnyLaunch
     spare_links: list[Annotated[str, AfterValidator(_spare)]] = Field(default_factory=list)
     autopilot: AutopilotName
     driver: DriverName = OWN_FRAMES

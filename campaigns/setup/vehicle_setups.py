@@ -12,9 +12,6 @@ from wil_campaign.campaigns.schema.actors import ActorPart
 from wil_campaign.campaigns.schema.sources import SourcedPart
 from wil_campaign.campaigns.schema.vehicles import (
     VEHICLES,
-    ArduPilotLaunchPart,
-    LaunchPart,
-    Px4LaunchPart,
     SigningPart,
     VehicleName,
     VehiclePart,
@@ -39,8 +36,8 @@ from wil_campaign.foundation.files.documents import (
     closest,
 )
 from wil_campaign.foundation.files.documents import Path as KeyPath
-from wil_campaign.foundation.files.paths import exists, expanded
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, MessageRate, TelemetryRates
+from wil_campaign.foundation.files.paths import exists
+from wil_campaign.vehicles.autopilots.autopilot import MessageRate, TelemetryRates
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.command_backends import OWN_FRAMES
 from wil_campaign.vehicles.coupling import Coupling
@@ -52,9 +49,7 @@ from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.vehicles.embedded.physics.config import Physics
 from wil_campaign.vehicles.embedded.physics.contact_world import body_of
 from wil_campaign.vehicles.embedded.profile import ProfileError, load_profile
-from wil_campaign.vehicles.launch.ardupilot import ArduPilotLaunch
-from wil_campaign.vehicles.launch.launch_plan import LaunchError
-from wil_campaign.vehicles.launch.px4 import Px4Launch
+from wil_campaign.vehicles.launch import Launch, LaunchError, LaunchPart, beside
 from wil_campaign.vehicles.links.link_conditions import KeySource
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
 from wil_campaign.vehicles.mavlink.names import message_number
@@ -62,8 +57,7 @@ from wil_campaign.vehicles.telemetry_fit import RadioTooSlowError, fitted
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.parts import BoxShape
 
-SitlLaunch = ArduPilotLaunch | Px4Launch
-VehicleLink = Literal["embedded"] | LinkAddress | SitlLaunch
+VehicleLink = Literal["embedded"] | LinkAddress | Launch
 
 _SERIAL_SHARE = 0.8
 """Of ten bits on a serial line, eight are data."""
@@ -91,7 +85,7 @@ class FlownSetup:
 
     name: str
     link: VehicleLink
-    autopilot: AutopilotName
+    autopilot: str
     profile: str
     start: Pose
     system_id: int
@@ -130,18 +124,14 @@ class FlownSetup:
         return () if self.attached is None else (self.attached, *self.spares)
 
     @property
-    def launch(self) -> SitlLaunch | None:
+    def launch(self) -> Launch | None:
         """Return the launch of the vehicle's simulation; None for one that is not launched."""
-        return self.link if isinstance(self.link, SitlLaunch) else None
+        return self.link if isinstance(self.link, Launch) else None
 
     @property
     def launch_pace(self) -> float | None:
         """Return the pace (times real time) of a launched vehicle; None when not launched."""
-        match self.launch:
-            case ArduPilotLaunch(speedup=pace) | Px4Launch(speed=pace):
-                return pace
-            case _:
-                return None
+        return None if self.launch is None else self.launch.pace
 
     @property
     def requests_truth(self) -> bool:
@@ -241,7 +231,7 @@ def _pose_accuracy(part: VehiclePart) -> PoseAccuracy:
 
 
 def unknown_parameters(
-    file: Document, at: KeyPath, autopilot: AutopilotName, params: Iterable[str]
+    file: Document, at: KeyPath, autopilot: str, params: Iterable[str]
 ) -> Iterator[Problem]:
     """Yield `params` of an embedded vehicle that its autopilot does not have; at: its place."""
     known = known_parameters(autopilot)
@@ -253,7 +243,7 @@ def unknown_parameters(
 
 
 def unused_settings(
-    file: Document, at: KeyPath, autopilot: AutopilotName, params: Mapping[str, float]
+    file: Document, at: KeyPath, autopilot: str, params: Mapping[str, float]
 ) -> Iterator[Problem]:
     """Yield warnings for `params` on which the embedded autopilot does not act; at: its place."""
     unused = unused_parameters(autopilot)
@@ -278,7 +268,7 @@ def link_of(
         return "embedded"
     if isinstance(link, str):
         return parse_link(link)
-    launch = replace(_launch(file.path.parent, link), params=tuple(sorted(params.items())))
+    launch = replace(link.setup(file.path.parent), params=tuple(sorted(params.items())))
     try:
         launch.check()
     except LaunchError as error:
@@ -334,36 +324,12 @@ def _baud(part: VehiclePart | ActorPart) -> int | None:
     return min((address.baud for address in addresses if address.kind == "serial"), default=None)
 
 
-def _launch(folder: Path, part: ArduPilotLaunchPart | Px4LaunchPart) -> SitlLaunch:
-    """Return the launch of a vehicle's PX4 or ArduPilot simulation."""
-    if isinstance(part, Px4LaunchPart):
-        return Px4Launch(
-            build=None if part.build is None else _beside(folder, part.build),
-            image=part.image,
-            model=part.model,
-            speed=part.speed,
-        )
-    named = Path(part.binary)
-    return ArduPilotLaunch(
-        # A bare name is looked for on PATH.
-        binary=named if named.name == part.binary else _beside(folder, part.binary),
-        frame=part.frame,
-        defaults=tuple(_beside(folder, file) for file in part.defaults),
-        speedup=part.speedup,
-    )
-
-
-def _beside(folder: Path, text: str) -> Path:
-    """Return a vehicle file's path relative to the campaign's folder, or to the home by ~."""
-    return (folder / expanded(Path(text))).absolute()
-
-
 def key_source_of(file: Document, part: SigningPart | None) -> KeySource | None:
     """Return the source of a vehicle's signing key: a file or an environment variable."""
     if part is None:
         return None
     if part.file is not None:
-        return KeySource("file", str(_beside(file.path.parent, part.file)))
+        return KeySource("file", str(beside(file.path.parent, part.file)))
     return KeySource("environment", part.environment or "")
 
 

@@ -13,7 +13,7 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
-from cyclopts import App, Group, Parameter
+from cyclopts import App, CycloptsError, Group, MissingArgumentError, Parameter
 
 from wil_campaign import hooks
 from wil_campaign.hooks import Command, HelpSection
@@ -193,6 +193,7 @@ def build_app() -> App:
         help="World-in-the-loop testing: a real vehicle and its twin fly one test together.",
         version=_version,
         help_format="plaintext",
+        error_formatter=_usage_error,
         default_parameter=Parameter(negative=()),
     )
     for flag in (*app.help_flags, *app.version_flags):
@@ -208,6 +209,18 @@ def build_app() -> App:
             groups[name] = App(name=name, help=command.summary, group=section)
             app.command(groups[name])
     return app
+
+
+def _usage_error(error: CycloptsError) -> object:
+    """Return what is wrong with a command line, and where its help is, as rich prints it."""
+    from rich.text import Text  # noqa: PLC0415 - not needed for a command line without a fault
+
+    command = " ".join(("wil-campaign", *(error.command_chain or ())))
+    text = str(error)
+    # An option that has no value is named as it was given, and has a keyword.
+    if isinstance(error, MissingArgumentError) and error.argument and not error.keyword:
+        text = f"{command} needs {error.argument.name.lstrip('-').upper()}."
+    return Text(f"{text}\nnext: {command} --help")
 
 
 def _version() -> str:

@@ -36,7 +36,8 @@ def _source(all_: Sequence[SourceResult]) -> str:
     one = all_[0]
     parts = (f"{sum(getattr(each, name) for each in all_)} {name}" for name in _SOURCE_COUNTS)
     text = f"{one.vehicle} {one.sensor} ({one.source}): {', '.join(parts)}"
-    return f"{text}, {_count_text(sum(each.stalls for each in all_), 'stall')}"
+    text = f"{text}, {_count_text(sum(each.stalls for each in all_), 'stall')}"
+    return text + _restarts_text(sum(each.restarts for each in all_))
 
 
 _SOURCE_COUNTS = ("delivered", "dropped", "missed", "damaged")
@@ -60,7 +61,13 @@ def _capture(all_: Sequence[CaptureResult]) -> str:
     dropouts = sum(feed.dropouts for feed in feeds)
     gap_s = max(feed.longest_gap_s for feed in feeds)
     text += f"{missing} missing, {_count_text(dropouts, 'dropout')}, "
-    return text + f"longest gap {1000 * gap_s:.0f} ms"
+    text += f"longest gap {1000 * gap_s:.0f} ms"
+    return text + _restarts_text(sum(feed.restarts for feed in feeds))
+
+
+def _restarts_text(count: int) -> str:
+    """Return in words how often a sender restarted; "" for never."""
+    return f"; its sender restarted {_count_text(count, 'time')}" if count else ""
 
 
 def _outlet(all_: Sequence[OutletResult]) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 from types import TracebackType
 
 from wil_campaign.hooks import LiveViewError, live_views
-from wil_campaign.installed_plugins import absent, added, load
+from wil_campaign.installed_plugins import absent, added, installed, load
 from wil_campaign.orchestrator.cli.plugin_options import PluginOptions, given
 
 Raised = type[BaseException] | None
@@ -24,15 +24,20 @@ def views_beside(
 
     folder: only of campaigns that write there; program: only of the campaign of that process.
     A view that fails to close is reported by `say`: results are not lost with it. Raises
-    LiveViewError.
+    LiveViewError, also for any other exception of a view that is opened.
     """
     known, missing = added(live_views), absent(live_views)
     with ExitStack() as stack:
         for name, address in given(views).items():
             if name in missing:
                 raise AbsentViewError(missing[name])
-            view = load(known[name].beside)(address, say, folder=folder, program=program)
-            view.__enter__()
+            try:
+                view = load(known[name].beside)(address, say, folder=folder, program=program)
+                view.__enter__()
+            except LiveViewError:
+                raise
+            except Exception as fault:
+                raise BrokenViewError(_broken_text(name, fault)) from fault
             stack.push(_closing(name, view, say))
         yield
 
@@ -52,7 +57,23 @@ def _closing(
     return close
 
 
+def _broken_text(name: str, fault: Exception) -> str:
+    """Return which plugin's view cannot be opened, and why."""
+    plugins = (one for one in installed() if name in one.adds.get(live_views.__name__, ()))
+    whose = next((f" of the plugin {one.name} ({one.origin})" for one in plugins), "")
+    return (
+        f"--{name}: the view{whose} cannot be opened: {type(fault).__name__}: {fault}; mend it, or "
+        f"leave --{name} out"
+    )
+
+
 class AbsentViewError(LiveViewError):
     """A live view of a plugin that is not installed."""
+
+    code = 2
+
+
+class BrokenViewError(LiveViewError):
+    """A live view whose plugin raises what is no LiveViewError, before anything flies."""
 
     code = 2

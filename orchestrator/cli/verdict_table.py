@@ -256,7 +256,7 @@ def _conclusion(summary: Summary, changed_since_flight: Sequence[str]) -> list[T
     text, style = words.get(summary.accepted or False, ("", ""))
     if summary.accepted is None:
         text, style = "nothing required was flown", "yellow"
-    elif summary.left_out:
+    elif summary.left_out and summary.accepted:
         text += " of what was flown"
     parts = []
     if again := retried_texts(summary.runs):

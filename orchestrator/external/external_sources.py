@@ -95,6 +95,7 @@ class ExternalSource:
             damaged=counts.damaged,
             stalls=self._stalls,
             trouble=self._trouble,
+            restarts=counts.restarts,
         )
 
     def _stall(self, why: str, *, again: bool = False) -> None:
@@ -142,4 +143,5 @@ class ExternalSource:
             dropped=counts.dropped - before.dropped,
             missed=counts.missed - before.missed,
             damaged=counts.damaged - before.damaged,
+            restarts=counts.restarts - before.restarts,
         )

@@ -7,12 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wil_campaign.foundation.files.documents import Data, parse
+from wil_campaign.orchestrator.installation import flown_program
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import ImageSettings
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.model.recipe import Recipe
 from wil_campaign.safety.fence.fence_values import fence_of_plain, plain_fence
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.worlds.camera import CameraMount
 from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.scene.scene import Scene
 from wil_campaign.worlds.world_file.world import World
 
 if TYPE_CHECKING:  # readers of a recording do not load the code that flies
@@ -41,7 +44,12 @@ def facts_of(setup: "RunSetup") -> dict[str, str]:
     }
     if plan.files.world is not None:
         facts["world"] = json.dumps(plan.files.world.data, default=str)
-        facts["world_file"] = str(plan.files.world.path)
+        facts["world_file"] = str(setup.order.own_path(plan.files.world.path))
+    if any(camera.source is None for one in setup.with_sensors for camera in one.cameras):
+        # By these a reader says why it cannot draw an image again.
+        facts["program"] = flown_program()
+        facts["shapes_real"] = scene_digest(setup.real_scene)
+        facts["shapes_twin"] = scene_digest(setup.virtual_scene)
     latencies = {
         f"{vehicle.name} {camera.name}": camera.source.latency_s
         for vehicle in setup.with_sensors
@@ -62,8 +70,16 @@ def facts_of(setup: "RunSetup") -> dict[str, str]:
     if recipe is not None and plan.mode == "wil":
         # JSON is YAML: the recipe as it was flown, with the overrides of the case.
         facts["recipe"] = json.dumps(recipe.document.data)
-        facts["recipe_file"] = str(recipe.document.path)
+        facts["recipe_file"] = str(setup.order.own_path(recipe.document.path))
     return facts
+
+
+def scene_digest(scene: Scene) -> str:
+    """Return a digest of the shapes of a scene, with their textures."""
+    digest = 0
+    for body in scene.bodies:
+        digest = body.shape.mesh.crc32(digest)
+    return f"{digest:08x}"
 
 
 def recipe_in(facts: Mapping[str, str], *, loads_code: bool) -> Recipe | None:
@@ -93,6 +109,13 @@ def campaign_in(facts: Mapping[str, str]) -> dict[str, Data]:
     """Return a recording's campaign file as flown; empty in older recordings."""
     found: dict[str, Data] = json.loads(facts.get("campaign", "{}"))
     return found
+
+
+def quality_in(facts: Mapping[str, str]) -> int:
+    """Return the quality of a recording's JPEG images."""
+    record = campaign_in(facts).get("record")
+    quality = record.get("quality") if isinstance(record, dict) else None
+    return quality if isinstance(quality, int) else ImageSettings().quality
 
 
 def fences_in(facts: Mapping[str, str]) -> dict[str, Fence]:

@@ -62,6 +62,11 @@ def _is_evidence(topic: str) -> bool:
 
 
 TRAJECTORY_HZ = 20.0
+_SMALL_PNG = (
+    *(cv2.IMWRITE_PNG_COMPRESSION, 4),
+    *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_FILTERED),
+)
+"""OpenCV's default is made for speed: 70 ms instead of 23 once a run, for 0.7 MB instead of 1.2."""
 _SNAPSHOT_AFTER_S = 1.0
 """How long after the start of the goal the preview image is taken."""
 
@@ -145,7 +150,7 @@ class RunRecorder:
         shown = self._snapshot or self._last
         if shown is None:
             return
-        if not cv2.imwrite(str(self._folder / "mixed.png"), side_by_side(shown)):
+        if not cv2.imwrite(str(self._folder / "mixed.png"), side_by_side(shown), _SMALL_PNG):
             self._break("mixed.png cannot be written")
 
     def _guard_write(self, write: Callable[..., None], *args: Any, **details: Any) -> None:

@@ -2,16 +2,18 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 from mcap.records import Channel, Message, Metadata
+from numpy.typing import NDArray
 
 from wil_campaign.foundation.files.limited_json import loads_limited
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import image_of
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import is_reading, reading_topic
 from wil_campaign.orchestrator.recording.mcap.mcap_encode import LOG, PERCEIVED
-from wil_campaign.orchestrator.recording.mcap.mcap_json import Json
+from wil_campaign.orchestrator.recording.recorded_images import RecordedImages
 
 FILE_NAME = "mixed.mp4"
 _NOMINAL_HZ = 30.0
@@ -37,9 +39,8 @@ def make_video(folder: Path, *, passed: Callable[[float], None] = lambda _: None
         if topic is None:
             return False
         with VideoWriter(path=part, rate_hz=_NOMINAL_HZ) as video:
-            for document in _documents(recording, topic):
-                t_s = float(document["wil"]["t_s"])
-                video.write(t_s, image_of(document))
+            for t_s, image in _images(recording, topic):
+                video.write(t_s, image)
                 passed(t_s)
         part.replace(folder / FILE_NAME)
     except (KeyError, ValueError, TypeError, IndexError, AttributeError, cv2.error) as error:
@@ -70,9 +71,8 @@ def _perceived_topic(recording: Path) -> str | None:
                 named = event["message"] if event["name"] == PERCEIVED else named
             else:
                 others.add(record.channel_id)  # the first message of a topic tells its type
-                is_reading = channel.metadata.get("part") == "reading"
-                if is_reading and loads_limited(record.data)["wil"]["type"] == "camera":
-                    sources[channel.topic] = channel.metadata["source"]
+                if is_reading(channel) and _is_of_camera(record):
+                    sources[reading_topic(channel)] = channel.metadata["source"]
         if named in sources:
             return named
     perceived = _BY_MODE.get(mode, "mixed")
@@ -80,11 +80,19 @@ def _perceived_topic(recording: Path) -> str | None:
     return None if named else next(found, None)
 
 
-def _documents(recording: Path, topic: str) -> Iterator[Json]:
-    """Yield the messages of a recording's topic, as far as the file is whole."""
+def _is_of_camera(message: Message) -> bool:
+    return bool(loads_limited(message.data)["wil"]["type"] == "camera")
+
+
+def _images(recording: Path, topic: str) -> Iterator[tuple[float, NDArray[Any]]]:
+    """Yield times and pixels of a recording's images of a topic, as far as the file is whole."""
     channels: set[int] = set()
+    images = RecordedImages({})
     for record in RecordStream(recording):
-        if isinstance(record, Channel) and record.topic == topic:
+        if isinstance(record, Metadata) and record.name == "wil.recording":
+            images = RecordedImages(record.metadata)
+        elif isinstance(record, Channel) and is_reading(record) and reading_topic(record) == topic:
             channels.add(record.id)
         elif isinstance(record, Message) and record.channel_id in channels:
-            yield loads_limited(record.data)
+            document = loads_limited(record.data)
+            yield float(document["wil"]["t_s"]), images.image(document)

@@ -157,7 +157,7 @@ class DrawnWorld:
 class Frame:
     """An image for the page. webp: base64. t_s: exposure; delivered_s: delivery to the autonomy.
 
-    view: the camera; None where it was not recorded.
+    view: the camera; None where it was not recorded. is_depth: its colours are those of depths.
     """
 
     source: str
@@ -167,6 +167,7 @@ class Frame:
     height_px: int
     webp: str
     view: "CameraView | None" = None
+    is_depth: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ class SourceResult:
     dropped: replaced by newer ones. missed: never arrived. damaged: arrived damaged or wrong.
     stalls: how often none arrived for too long. trouble: the last error. measured: images of a
     simulator that were compared with the judged world; not_measured: why none or not all were.
+    restarts: how often the sender's clock or its numbers began anew.
     """
 
     vehicle: str
@@ -29,6 +30,7 @@ class SourceResult:
     trouble: str
     measured: int = 0
     not_measured: str = ""
+    restarts: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +75,8 @@ class TopicResult:
     """The result of one topic of an autonomy that is reached by topics.
 
     direction: "out", to the autonomy, or "in". messages: published, or received. delivered: those
-    of "out" that a subscriber was there for and that the wire took; those of "in" that were used.
-    trouble: why others were not.
+    of "out" that a subscriber was there for and that the wire took; those of "in" that were used:
+    of setpoints the newest one at each step of the autonomy's rate. trouble: why any were refused.
     """
 
     topic: str
@@ -89,9 +91,10 @@ class TopicResult:
 class ProgramResult:
     """The result of an external autonomy program. exit: how it ended, in words.
 
-    refused: its frames that were not passed on to the vehicle. trouble: its last error. video: the
-    images that it was sent; None without a camera. topics: what it was sent and what it sent, of an
-    autonomy that is reached by topics.
+    refused: its frames, or messages, that were not passed on to the vehicle for a fault of theirs;
+    one that a newer one replaced before its turn is not refused. trouble: its last error. video:
+    the images that it was sent; None without a camera. topics: what it was sent and what it sent,
+    of an autonomy that is reached by topics.
     """
 
     vehicle: str

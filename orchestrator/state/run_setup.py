@@ -26,6 +26,7 @@ class RunOrder:
     attempts: earlier ones at this run, which do not count. arm: False stops before arming. back:
     set for the return flight to the start after the run, instead of the run. campaign: the results
     folder of the campaign on its own machine, by which guards on any machine say whose they are.
+    beneath: the folder of this machine beneath which the files of that machine lie.
     """
 
     plan: RunPlan
@@ -36,6 +37,13 @@ class RunOrder:
     back: ReturnPath | None = None
     liftoff_delays_s: Mapping[str, float] = field(default_factory=dict)
     campaign: Path | None = None
+    beneath: Path | None = None
+
+    def own_path(self, path: Path) -> Path:
+        """Return where a file of the order lies on the campaign's own machine."""
+        if self.beneath is None or not path.is_relative_to(self.beneath):
+            return path
+        return Path("/") / path.relative_to(self.beneath)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

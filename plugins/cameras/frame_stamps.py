@@ -36,6 +36,7 @@ class Stamper:
         self._has_stamps = False
         self._skipped = 0
         self.missed = 0
+        self.restarts = 0
 
     def skip_exposure(self) -> None:
         """Count an exposure that is not handed on: its number is used up."""
@@ -59,6 +60,7 @@ class Stamper:
         resets = self._clock.resets
         t_s = self._clock.run_time(stamp_s, arrived_s)
         restarted = self._clock.resets != resets
+        self.restarts += restarted
         return self.reading_at(image_bgr, t_s=t_s, arrived_s=arrived_s, restarted=restarted)
 
     def reading_at(
@@ -122,4 +124,4 @@ def source_counts(
     stamper: Stamper, *, delivered: int, dropped: int = 0, damaged: int = 0
 ) -> SourceCounts:
     """Return the counts of a source that uses a stamper."""
-    return SourceCounts(delivered, dropped, stamper.missed, damaged)
+    return SourceCounts(delivered, dropped, stamper.missed, damaged, stamper.restarts)

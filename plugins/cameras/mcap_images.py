@@ -140,7 +140,9 @@ class McapFile:
             )
         if self._topic not in topics:
             raise SourceError(
-                f"{self._path}: has no images on topic {self._topic!r} (it has: {listed})"
+                f"{self._path}: has no images on topic {self._topic!r} (it has: {listed}); in a "
+                "run's recording, images that the program drew are there with record: "
+                "{pictures: jpeg}"
             )
         return self._topic, topics[self._topic]
 

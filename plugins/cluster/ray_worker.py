@@ -134,11 +134,17 @@ class RayWorker:
         return in_thread(lambda: self._results.of_ended(order, self._place, ended))
 
     async def _confirm_end(self, outcome: RunResult | WorkerLost) -> RunResult | WorkerLost:
-        """Write a run's outcome to the ledger, and confirm to the node that it has arrived."""
+        """Write a run's outcome to the ledger, and confirm to the node that it has arrived.
+
+        A node that has ended meanwhile, as a bench does after Ctrl-C, takes nothing away from it.
+        """
         name = "" if self._order is None else self._order.plan.name
         if isinstance(outcome, RunResult):
             self._ledger.write("ended", name, self._agent.node, outcome.verdict)
         else:
             self._ledger.write("lost", name, self._agent.node, outcome.reason)
-        await self._agent.send(RunTaken(self._place, isinstance(outcome, RunResult)))
+        try:
+            await self._agent.send(RunTaken(self._place, isinstance(outcome, RunResult)))
+        except (EOFError, OSError):
+            self._agent.kill()
         return outcome

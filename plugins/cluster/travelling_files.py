@@ -109,7 +109,8 @@ def place_beneath(folder: Path, path: Path) -> Path:
 
 def relocate_order(order: RunOrder, folder: Path) -> RunOrder:
     """Return an order whose documents are beneath a folder."""
-    return map_documents(order, lambda one: replace(one, path=place_beneath(folder, one.path)))
+    there = map_documents(order, lambda one: replace(one, path=place_beneath(folder, one.path)))
+    return replace(there, beneath=folder)
 
 
 def _pack_file(path: Path) -> TravellingFile:

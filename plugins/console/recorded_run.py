@@ -21,6 +21,7 @@ from wil_campaign.orchestrator.reading.model import Commanded
 from wil_campaign.orchestrator.reading.trajectory_file import read_trajectory
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME as JUDGED
+from wil_campaign.orchestrator.recording.recorded_images import NotDrawnAgainError
 from wil_campaign.orchestrator.recording.recording_facts import fences_in
 from wil_campaign.orchestrator.report.model import LogEvent
 from wil_campaign.orchestrator.report.reading.event_log import read_event_log
@@ -105,12 +106,16 @@ class RecordedRun:
     async def _play_from(self, loaded: _Loaded, take: Take, from_s: float) -> bool:
         """Play from a time to the end; return whether it was reached before a jump in time."""
         playback, number = self._playback, 0
-        recording = Recording(self._folder / "run.mcap")
+        refused: list[NotDrawnAgainError] = []
+        recording = Recording(self._folder / "run.mcap", not_drawn=refused.append)
         images = _images(recording)
         image = await asyncio.to_thread(next, images, None)
         facts = dict(recording.facts)
         self._fences = _plain_fences(facts)
         await take(FactsView(self._run, facts))
+        for error in refused[:1]:
+            begin_s, last = loaded.rows[0].t_s, len(loaded.events)
+            await take(EventView(self._run, last + 1, begin_s, "recording", "", "", str(error)))
         if from_s > loaded.rows[0].t_s:
             playback.show_past(self._run, loaded.trails(from_s))
         shown: dict[str, float] = {}

@@ -112,8 +112,10 @@ class GrabbedReadings(LiveReadings):
         if grabbed.depth_m is None:
             self.refuse(grabbed.why)
             return
+        t_s = self._clock.run_time(grabbed.stamp_s, arrived_s)
+        self.restarts = self._clock.resets
         reading = DepthReading(
-            t_s=self._clock.run_time(grabbed.stamp_s, arrived_s),
+            t_s=t_s,
             arrived_s=arrived_s,
             seq=0,
             source=self._request.side,

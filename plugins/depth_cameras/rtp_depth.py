@@ -8,6 +8,7 @@ tried): a lost line would show a distance of an image before. What is read here 
 import re
 import socket
 import struct
+from collections import deque
 
 import numpy as np
 
@@ -22,6 +23,10 @@ from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.vehicles.sources.source_request import SourceRequest
 
 _CLOCK_HZ = 90_000
+_OVERTAKEN = _CLOCK_HZ
+"""A packet whose stamp is a second before the newest was not overtaken: its sender restarted."""
+_KNOWN = 128
+"""So many images of the past are known: their late packets were counted with them."""
 _WAIT_S = 0.2
 """How often a thread that waits for a packet checks whether it has to stop."""
 _BUFFER_BYTES = 4 * 2**20
@@ -38,16 +43,19 @@ class DepthLines:
         self._size = (height_px, width_px)
         self._pixels = np.zeros(self._size, ">u2")
         self._there = np.zeros(self._size, np.bool_)
-        self._stamp: int | None = None
+        self._sender: int | None = None
+        self._stamp = 0
+        self._stamp_s = 0.0
+        self._begun: deque[int] = deque(maxlen=_KNOWN)
         self._is_open = False
 
     def receive(self, packet: bytes) -> GrabbedDepth | None:
         """Take a packet; return the image that it completes, or ends incomplete."""
         try:
-            stamp, is_last, payload = _rtp(packet)
-            if self._stamp is not None and (stamp - self._stamp) % 2**32 >= 2**31:
-                return None  # a packet that was overtaken, of an image before
-            lost = self._next_image(stamp)
+            sender, stamp, is_last, payload = _rtp(packet)
+            if sender == self._sender and -_OVERTAKEN <= self._ahead(stamp) < 0:
+                return self._late_packet(stamp)
+            lost = self._next_image(sender, stamp)
             self._add_lines(payload)
         except (ValueError, struct.error) as error:
             self._is_open = False
@@ -56,13 +64,32 @@ class DepthLines:
             return self._end_image()
         return lost
 
-    def _next_image(self, stamp: int) -> GrabbedDepth | None:
+    def _ahead(self, stamp: int) -> int:
+        """Return by how many ticks a stamp is after that of the newest image; it wraps."""
+        return (stamp - self._stamp + 2**31) % 2**32 - 2**31
+
+    def _late_packet(self, stamp: int) -> GrabbedDepth | None:
+        """Count an image all of whose packets were overtaken; others were counted as lost lines."""
+        if stamp in self._begun:
+            return None
+        self._begun.append(stamp)
+        return GrabbedDepth(None, why="its packets arrived after those of a later image")
+
+    def _next_image(self, sender: int, stamp: int) -> GrabbedDepth | None:
         """Begin an image when its stamp is new; return the one before where its end was lost."""
-        if stamp == self._stamp:
+        ahead = self._ahead(stamp)
+        goes_on = sender == self._sender and ahead >= 0
+        if goes_on and not ahead:
             return None
         before = self._end_image() if self._is_open else None
         self._there[:] = False
-        self._stamp, self._is_open = stamp, True
+        if goes_on:
+            self._stamp_s += ahead / _CLOCK_HZ
+        else:  # it restarted
+            self._stamp_s = stamp / _CLOCK_HZ
+            self._begun.clear()
+        self._sender, self._stamp, self._is_open = sender, stamp, True
+        self._begun.append(stamp)
         return before
 
     def _end_image(self) -> GrabbedDepth:
@@ -75,8 +102,7 @@ class DepthLines:
                 f"the sender's images are smaller than {width_px}x{height_px}"
             )
             return GrabbedDepth(None, why=why)
-        stamp_s = (self._stamp or 0) / _CLOCK_HZ
-        return GrabbedDepth(metres_of(self._pixels), stamp_s)
+        return GrabbedDepth(metres_of(self._pixels), self._stamp_s)
 
     def _add_lines(self, payload: bytes) -> None:
         at, lines, more = 2, [], True  # after the high half of the sequence number
@@ -101,16 +127,16 @@ class DepthLines:
             at += 2 * count
 
 
-def _rtp(packet: bytes) -> tuple[int, bool, bytes]:
-    """Return a packet's time stamp, whether it is an image's last one, and its payload."""
-    first, second, _, stamp, _ = struct.unpack_from(">BBHII", packet)
+def _rtp(packet: bytes) -> tuple[int, int, bool, bytes]:
+    """Return a packet's sender and time stamp, whether it ends an image, and its payload."""
+    first, second, _, stamp, sender = struct.unpack_from(">BBHII", packet)
     if first >> 6 != 2:
         raise BadMessageError("it is no packet of RTP")
     at = 12 + 4 * (first & 0x0F)
     if first & 0x10:
         at += 4 + 4 * struct.unpack_from(">H", packet, at + 2)[0]
     end = len(packet) - (packet[-1] if first & 0x20 else 0)
-    return stamp, bool(second & 0x80), packet[at:end]
+    return sender, stamp, bool(second & 0x80), packet[at:end]
 
 
 class RtpDepth:

@@ -23,9 +23,9 @@ from wil_campaign.orchestrator.state.parameter_backups import NoHomeError, param
 from wil_campaign.plugins.doctor import installed, links, machine, ports, programs
 from wil_campaign.plugins.doctor.findings import Finding, as_text
 from wil_campaign.plugins.doctor.vehicle_check import check_vehicle
+from wil_campaign.plugins.firmware.launch_records import find_orphans
 from wil_campaign.safety.guard.process.orphaned_processes import records
 from wil_campaign.safety.guard.process.runtime_folder import runtime_folders, unsafe_folders
-from wil_campaign.vehicles.launch.launch_records import find_orphans
 from wil_campaign.vehicles.links.serial_port import ports as serial_ports
 from wil_campaign.worlds.jit import find_kernel_cache
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from wil_campaign.foundation.files.paths import is_file
 from wil_campaign.plugins.doctor.findings import Finding
+from wil_campaign.vehicles.autopilots.registry import strategies
 
 AUTOPILOTS = "autopilots"
 _DOCKER_S = 5.0
@@ -15,7 +16,8 @@ Which = Callable[[str], str | None]
 
 def autopilots(home: Path | None, which: Which = shutil.which) -> Iterator[Finding]:
     """Yield findings on ArduPilot and PX4 SITL, beneath `home` and on PATH."""
-    yield Finding(AUTOPILOTS, "good", "embedded PX4 and ArduCopter: nothing to install")
+    known = " and ".join(strategy.label for strategy in strategies().values())
+    yield Finding(AUTOPILOTS, "good", f"embedded {known}: nothing to install")
     copter = _first(home, "ardupilot/build/sitl/bin/arducopter") or which("arducopter")
     if copter:
         yield Finding(

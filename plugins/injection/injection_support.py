@@ -1,8 +1,10 @@
-"""Checks whether an autopilot would act on an injected message, for both autopilots; pure."""
+"""Checks whether an autopilot would act on an injected message."""
 
 from collections.abc import Mapping
+from functools import cache
 
-from wil_campaign.plugins.injection.ardupilot_rules import ARDUPILOT
+from wil_campaign.hooks import autopilots
+from wil_campaign.installed_plugins import added, load
 from wil_campaign.plugins.injection.px4_rules import PX4
 from wil_campaign.plugins.injection.rules import (
     Ignored,
@@ -12,12 +14,20 @@ from wil_campaign.plugins.injection.rules import (
     broken_rules,
     parameters_in,
 )
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.setpoints import Setpoints
 
-_RULES: Mapping[AutopilotName, Rules] = {"ardupilot": ARDUPILOT, "px4": PX4}
-_GUIDED: Mapping[AutopilotName, str] = {"ardupilot": "GUIDED", "px4": "OFFBOARD"}
 _LANDING: frozenset[InjectionKind] = frozenset({"landing_target"})
+
+
+@cache
+def _rules(autopilot: str) -> Rules:
+    """Return an autopilot's rules: PX4's, or those that its plugin names; else none."""
+    if autopilot == "px4":
+        return PX4
+    place = added(autopilots)[autopilot].injection
+    rules: Rules = load(place) if place else {}
+    return rules
 
 
 def matters_in_flight(thing: InjectionKind) -> bool:
@@ -25,13 +35,13 @@ def matters_in_flight(thing: InjectionKind) -> bool:
     return thing not in _LANDING
 
 
-def flown_mode(autopilot: AutopilotName, thing: InjectionKind) -> str:
+def flown_mode(autopilot: str, thing: InjectionKind) -> str:
     """Return the flight mode in which an injection matters, by the autopilot's own name."""
-    return "LAND" if thing in _LANDING else _GUIDED[autopilot]
+    return "LAND" if thing in _LANDING else autopilot_named(autopilot).guided_name
 
 
 def injection_faults(
-    autopilot: AutopilotName,
+    autopilot: str,
     thing: InjectionKind,
     parameters: Mapping[str, float],
     mode: str,
@@ -44,11 +54,13 @@ def injection_faults(
     parameters: all that the autopilot reported. mode: the mode to fly in, by its own name.
     setpoints: what the autonomy sends in guided flight. unbooted: parameters set since it booted.
     """
-    situation = Situation(parameters, mode, setpoints, unbooted)
-    return broken_rules(_RULES[autopilot], thing, situation)
+    rules = _rules(autopilot)
+    if not rules:
+        return (Ignored(f"it is not known what {autopilot} does with it", "remove it"),)
+    return broken_rules(rules, thing, Situation(parameters, mode, setpoints, unbooted))
 
 
-def unsupported_injection(autopilot: AutopilotName, thing: InjectionKind) -> tuple[Ignored, ...]:
+def unsupported_injection(autopilot: str, thing: InjectionKind) -> tuple[Ignored, ...]:
     """Return the reasons against an injection in its mode that no parameter can remove.
 
     They refuse a campaign file before a vehicle is connected.
@@ -57,6 +69,7 @@ def unsupported_injection(autopilot: AutopilotName, thing: InjectionKind) -> tup
     return tuple(reason for reason in reasons if reason.parameter is None)
 
 
-def parameters_to_read(autopilot: AutopilotName, thing: InjectionKind) -> tuple[str, ...]:
+def parameters_to_read(autopilot: str, thing: InjectionKind) -> tuple[str, ...]:
     """Return the parameters that decide whether an injection is used, each once."""
-    return parameters_in(_RULES[autopilot], thing)
+    rules = _rules(autopilot)
+    return parameters_in(rules, thing) if rules else ()

@@ -27,7 +27,6 @@ from wil_campaign.plugins.injection.injection_support import (
 )
 from wil_campaign.plugins.injection.injector import Injector, ScenePoses
 from wil_campaign.plugins.injection.rules import Ignored, InjectionKind
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.errors import ParameterError, VehicleError
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.worlds.frames import Pose, rotate
@@ -45,7 +44,7 @@ class InjectionProof:
     """The check of one injection into a vehicle: the parameters that make it use the message."""
 
     context: VehicleContext
-    autopilot: AutopilotName
+    autopilot: str
     thing: InjectionKind
     parameters: Mapping[str, float]
 
@@ -108,7 +107,7 @@ def message_name(injected: Injected, mount: Pose | None) -> InjectionKind:
 
 
 async def _read_parameters(
-    context: VehicleContext, autopilot: AutopilotName, thing: InjectionKind
+    context: VehicleContext, autopilot: str, thing: InjectionKind
 ) -> InjectionProof:
     parameters: dict[str, float] = {}
     for name in parameters_to_read(autopilot, thing):

@@ -23,7 +23,6 @@ from wil_campaign.plugins.injection.pose_messages import (
 )
 from wil_campaign.plugins.injection.range_messages import distance_sensor, obstacle_distance
 from wil_campaign.plugins.injection.traffic_messages import Intruder, adsb_vehicle
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.readings import (
     LidarScanReading,
     PoseReading,
@@ -124,7 +123,7 @@ class Injector:
         self,
         *,
         context: VehicleContext,
-        autopilot: AutopilotName,
+        autopilot: str,
         injections: Iterable[InjectionSetup],
         scene_poses: ScenePoses,
         spread: PoseSpread | None = None,

@@ -12,7 +12,6 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.plugins.injection.range_messages import microseconds
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.readings import PoseReading
 from wil_campaign.worlds.frames import Pose, Vec3, euler_from_quat, norm, quat_conjugate, rotate
 
@@ -45,9 +44,7 @@ def vision_position_estimate(reading: PoseReading, *, spread: PoseSpread | None 
     )
 
 
-def odometry(
-    reading: PoseReading, *, autopilot: AutopilotName, spread: PoseSpread | None = None
-) -> Any:
+def odometry(reading: PoseReading, *, autopilot: str, spread: PoseSpread | None = None) -> Any:
     """Return a pose and velocity as ODOMETRY (331).
 
     Child frame BODY_FRD. ArduPilot accepts only frame LOCAL_FRD, with forward as north; for PX4
@@ -78,7 +75,7 @@ def odometry(
 
 
 def landing_target(
-    t_s: float, *, target_ned_m: Vec3, body: Pose, autopilot: AutopilotName, size_m: float = 0.0
+    t_s: float, *, target_ned_m: Vec3, body: Pose, autopilot: str, size_m: float = 0.0
 ) -> Any:
     """Return a landing target as LANDING_TARGET (149), with its position.
 

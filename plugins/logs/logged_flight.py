@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.worlds.geodesy import Geodetic
 
 
@@ -41,7 +40,7 @@ class LoggedFlight:
     """
 
     kind: str
-    autopilot: AutopilotName | None = None
+    autopilot: str | None = None
     vehicle_type: str = ""
     firmware: str = ""
     parameters: Mapping[str, float] = field(default_factory=dict)

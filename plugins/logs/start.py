@@ -15,7 +15,7 @@ from wil_campaign.foundation.files.problems import BadInput, Problem, printable
 from wil_campaign.plugins.logs.course import Course, course_of
 from wil_campaign.plugins.logs.log_reader import read_log
 from wil_campaign.plugins.logs.logged_flight import LogError, LoggedFlight
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.autopilot.known_parameters import default_parameters
 from wil_campaign.worlds.geodesy import Geodetic, LocalFrame
 
@@ -62,11 +62,6 @@ def _first(flight: LoggedFlight, names: tuple[str, ...]) -> float:
     return next((value for name in names if (value := flight.parameters.get(name, 0.0)) > 0), 0.0)
 
 
-_MOVING = {
-    "px4": ("MPC_",),
-    "ardupilot": ("WPNAV_", "WP_", "LOIT_", "PILOT_", "ANGLE_MAX", "ATC_", "PSC_", "LAND_"),
-}
-"""Prefixes of the parameters that say how the vehicle moves."""
 _AHEAD_M, _UP_M = 3.0, 2.0
 _UNTOLD = Geodetic(47.397742, 8.545594, 488.0)
 _PROFILE = "profile.yaml"
@@ -79,11 +74,12 @@ def files_from_log(log: Path, name: str, *, profile: bool) -> dict[str, str]:
     """
     try:
         flight = read_log(log)
-    except LogError as error:
+        autopilot = flight.autopilot or "px4"
+        autopilot_named(autopilot)
+    except (LogError, ValueError) as error:
         message = str(error).removeprefix(f"{log} ")
         raise BadInput([Problem(str(log), 0, 0, message)]) from error
     course = course_of(flight)
-    autopilot = flight.autopilot or "px4"
     texts = {
         "campaign.yaml": _campaign(flight, course, name=name, log=log, profile=profile),
         "world.yaml": _world(flight, course),
@@ -151,9 +147,7 @@ def _facts(flight: LoggedFlight, course: Course | None, log: Path) -> Iterator[s
         yield f"# {printable(problem)}"
 
 
-def _vehicle(
-    flight: LoggedFlight, autopilot: AutopilotName, profile: str, yaw_deg: float
-) -> Iterator[str]:
+def _vehicle(flight: LoggedFlight, autopilot: str, profile: str, yaw_deg: float) -> Iterator[str]:
     yield f"    autopilot: {autopilot}"
     yield f"    profile: {profile}"
     yield f"    start: {{north_m: 0, east_m: 0, up_m: 0, yaw_deg: {yaw_deg:.1f}}}"
@@ -167,14 +161,12 @@ def _vehicle(
         yield "    # params: unknown"
 
 
-def _moving_parameters(
-    flight: LoggedFlight, autopilot: AutopilotName
-) -> Iterator[tuple[str, float]]:
+def _moving_parameters(flight: LoggedFlight, autopilot: str) -> Iterator[tuple[str, float]]:
     """Yield the parameters of motion that the embedded vehicle has with other values."""
     known = default_parameters(autopilot)
     for name, value in sorted(flight.parameters.items()):
         default = known.get(name)
-        if default is None or not name.startswith(_MOVING[autopilot]):
+        if default is None or not name.startswith(autopilot_named(autopilot).motion_parameters):
             continue
         if math.isfinite(value) and not math.isclose(value, default, rel_tol=1e-5, abs_tol=1e-9):
             yield name, value

@@ -21,8 +21,6 @@ _NED_FROM_ENU: Quat = (0.0, 0.5**0.5, 0.5**0.5, 0.0)
 """Half a turn about the axis between x and y swaps them and reverses z."""
 _FLU_FROM_FRD: Quat = (0.0, 1.0, 0.0, 0.0)
 """Half a turn about x reverses y and z."""
-_RESTART_SEQ = 1000
-"""A frame number that falls by more than this shows that the sender restarted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +96,13 @@ class MotionCapture:
 
     def receive_frame(self, frame: CaptureFrame, arrived_s: float) -> list[PoseReading]:
         """Return the readings in a motion capture frame that arrived at a time."""
+        last, resets = self._last_seq, self._clock.resets
         if not self._in_order(frame):
             return []
         t_s = self._clock.run_time(frame.t_s, arrived_s)
+        if self._clock.resets > resets or (last is not None and frame.seq < last):
+            for meter in self._meters.values():
+                meter.restarts += 1
         seen = {body.name: body for body in frame.bodies}
         readings = (self._reading_of(name, seen.get(name), t_s, arrived_s) for name in self._bodies)
         return [reading for reading in readings if reading is not None]
@@ -110,14 +112,16 @@ class MotionCapture:
         return self._meters[name].statistics()
 
     def _in_order(self, frame: CaptureFrame) -> bool:
-        last, self._last_seq = self._last_seq, frame.seq
-        if last is None or frame.seq < last - _RESTART_SEQ:
-            return True
-        if frame.seq <= last:
-            self._last_seq = last
+        last = self._last_seq
+        if last is not None and (
+            frame.seq == last or (frame.seq < last and self._clock.is_overtaken(frame.t_s))
+        ):
             for meter in self._meters.values():
                 meter.out_of_order += 1
             return False
+        self._last_seq = frame.seq
+        if last is None or frame.seq < last:
+            return True
         for name, meter in self._meters.items():
             meter.missing += frame.seq - last - 1
             self._seq[name] += frame.seq - last - 1

@@ -8,7 +8,7 @@ from wil_campaign.foundation.files.paths import is_file, is_folder
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.recording_facts import latencies_in
 from wil_campaign.plugins.offline.errors import OfflineError
-from wil_campaign.plugins.python.mcap_reader import Recorded, RecordedReading, Recording
+from wil_campaign.plugins.python.mcap_reader import Recorded, Recording
 from wil_campaign.vehicles.readings import Reading, Source
 
 
@@ -48,7 +48,7 @@ def what_lacks(recording: Recording) -> str:
 
 def facts_of_recording(path: Path) -> Mapping[str, str]:
     """Return the run facts in a recording. Raises OfflineError."""
-    recording = Recording(path)
+    recording = Recording(path, not_drawn=lambda _: None)
     with _offline_errors(path):
         next(iter(recording), None)
     return recording.facts
@@ -68,11 +68,11 @@ def readings(
     path: Path, source: Source, sensor: str, lacking: Lacking | None = None
 ) -> Iterator[Reading]:
     """Yield a recording's readings of one sensor of a vehicle. Raises OfflineError."""
-    for item in items(path, lacking):
-        if not isinstance(item, RecordedReading):
-            continue
-        if item.reading.source == source and item.sensor == sensor:
-            yield item.reading
+    recording = Recording(path)
+    with _offline_errors(path):
+        yield from recording.readings(sensor, source)
+    if lacking is not None and (what := what_lacks(recording)):
+        lacking(path, what)
 
 
 def flown_latency_s(folder: Path, vehicle: str, sensor: str) -> float:

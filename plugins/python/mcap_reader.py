@@ -1,7 +1,7 @@
 """Reads run.mcap: readings with their sensor, provenance and log lines, also of a cut file."""
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,13 @@ from numpy.typing import NDArray
 from wil_campaign.foundation.files.limited_json import loads_limited
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import End, RecordStream
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode, image_of
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import Parts, decode, image_of
 from wil_campaign.orchestrator.recording.mcap.mcap_json import Json
-from wil_campaign.vehicles.readings import Reading, Source
+from wil_campaign.orchestrator.recording.recorded_images import (
+    NotDrawnAgainError,
+    RecordedImages,
+)
+from wil_campaign.vehicles.readings import Drawing, Reading, Source
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 
@@ -57,25 +61,39 @@ class Recording:
     """Iterates over the items of an MCAP recording, in the recorded order.
 
     After an iteration `end` says whether the file is whole, `counts` has its writer's counts (empty
-    for a cut file) and `facts` the metadata at its beginning. Raises RecordingError for a file that
-    is no recording of wil-campaign; OSError. Foreign topics are skipped.
+    for a cut file) and `facts` the metadata at its beginning. Foreign topics are skipped.
+
+    Images that the program drew in flight, and that are not in the file, are drawn again.
+    not_drawn: called for each of them for which that is not possible, which is left out then; by
+    default NotDrawnAgainError is raised. Raises RecordingError for a file that is no recording of
+    wil-campaign; OSError.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(
+        self, path: str | Path, *, not_drawn: Callable[[NotDrawnAgainError], None] | None = None
+    ) -> None:
         self._path = Path(path)
+        self._not_drawn = not_drawn
         self.end: End | None = None
         self.facts: Mapping[str, str] = {}
         self.counts: Mapping[str, str] = {}
 
     def __iter__(self) -> Iterator[Recorded]:
+        return self._items(None)
+
+    def _items(self, wanted: tuple[str, Source] | None) -> Iterator[Recorded]:
+        """Yield the recorded items. wanted: only what belongs to a sensor and source."""
         stream = RecordStream(self._path)
         channels: dict[int, Channel] = {}
         images = _ImageDecoder()
         for record in stream:
             if isinstance(record, Channel):
-                channels[record.id] = record
+                named = record.metadata.get("sensor"), record.metadata.get("source")
+                if wanted is None or named == wanted:
+                    channels[record.id] = record
             elif isinstance(record, Metadata):
                 self._store_metadata(record)
+                images.drawn = RecordedImages(self.facts)
             elif isinstance(record, Message):
                 item = self._read_item(channels.get(record.channel_id), record, images)
                 if item is not None:
@@ -84,10 +102,8 @@ class Recording:
 
     def readings(self, sensor: str, source: Source = "real") -> Iterator[Reading]:
         """Yield the readings of one sensor: of the vehicle, its twin, or the mixture of both."""
-        for item in self:
-            if not isinstance(item, RecordedReading):
-                continue
-            if (item.sensor, item.reading.source) == (sensor, source):
+        for item in self._items((sensor, source)):
+            if isinstance(item, RecordedReading):
                 yield item.reading
 
     def arrays(self, sensor: str, source: Source = "real") -> Arrays:
@@ -116,6 +132,11 @@ class Recording:
             return None
         try:
             return _interpret(part, channel.metadata, message, images)
+        except NotDrawnAgainError as error:
+            if self._not_drawn is None:
+                raise NotDrawnAgainError(f"{self._path}: {error}") from error
+            self._not_drawn(error)
+            return None
         except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
             raise RecordingError(
                 f"{self._path}: {channel.topic} at {message.log_time} ns cannot be read:"
@@ -123,21 +144,28 @@ class Recording:
             ) from error
 
 
-_PARTS = frozenset({"reading", "depth", "ids", "provenance", "event"})
+_PARTS = frozenset({"reading", "drawing", "depth", "ids", "provenance", "event"})
 
 
 class _ImageDecoder:
-    """Keeps recorded depth and ids until the image they belong to is read."""
+    """Keeps recorded depth and ids until the image they belong to is read, or draws it again."""
 
     def __init__(self) -> None:
+        self.drawn = RecordedImages({})
         self._waiting: dict[tuple[str, str, str], tuple[int, NDArray[Any]]] = {}
 
     def keep(self, key: tuple[str, str, str], document: Json) -> None:
         """Keep a recorded part of an image."""
         self._waiting[key] = (document["wil"]["seq"], image_of(document))
 
-    def take(self, source: str, sensor: str, wil: Json) -> dict[str, NDArray[Any]]:
-        """Return the recorded parts of an image. Raises ValueError when one is missing."""
+    def take(self, source: str, sensor: str, document: Json) -> Parts:
+        """Return the parts of an image beside it, or all of one that is drawn again.
+
+        Raises ValueError when one is missing, NotDrawnAgainError.
+        """
+        drawn, wil = self.drawn.drawn(document), document["wil"]
+        if drawn is not None:
+            return drawn
         parts: dict[str, NDArray[Any]] = {}
         for part in wil.get("parts", ()):
             seq, array = self._waiting.pop((source, sensor, part), (None, None))
@@ -165,11 +193,11 @@ def _interpret(
     if part == "provenance":
         fields = {name: value for name, value in document.items() if name != "timestamp"}
         return RecordedProvenance(sensor, message.log_time, fields)
-    if part != "reading":
+    if part not in {"reading", "drawing"}:
         images.keep((source, sensor, part), document)
         return None
     wil = document["wil"]
-    reading = decode(document, images.take(source, sensor, wil))
+    reading = decode(document, images.take(source, sensor, document))
     return RecordedReading(sensor, reading, wil.get("exact", True))
 
 
@@ -179,7 +207,8 @@ def arrays_of(readings: Iterable[Reading]) -> Arrays:
     A number is (n,), a vector (n, 3), an image (n, height, width, ...). A pose of name `pose` is
     `pose_position_m` (n, 3) and `pose_q_wxyz` (n, 4), in its parent frame. A field that differs in
     shape from reading to reading, as points do, or that some lack, is (n,) of arrays or None. What
-    no reading has is left out, and so are `source`, `sensor` and the intrinsics of images.
+    no reading has is left out, and so are `source`, `sensor`, and intrinsics and drawings of
+    images.
     """
     rows = [dict(_values(reading)) for reading in readings]
     names = dict.fromkeys(name for row in rows for name in row)
@@ -193,7 +222,7 @@ def _values(reading: Reading) -> Iterator[tuple[str, Any]]:
         if isinstance(value, Pose):
             yield f"{field.name}_position_m", value.position_ned_m
             yield f"{field.name}_q_wxyz", value.q_wxyz
-        elif value is not None and not isinstance(value, str | Intrinsics):
+        elif value is not None and not isinstance(value, str | Intrinsics | Drawing):
             yield field.name, value
 
 

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, Self
 
@@ -18,15 +19,13 @@ from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.foundation.processes.child import how_it_ended
 from wil_campaign.foundation.processes.feed_socket import feed_environment, feed_pair
 from wil_campaign.foundation.tasks import finish
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.process.feed import MakeFault, to_vehicle
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 from wil_campaign.vehicles.embedded.process.standalone_settings import standalone_settings
 from wil_campaign.vehicles.faults import Fault, FaultError, parse_fault
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
 
-Autopilot = Literal["px4", "ardupilot"]
-
-_USUAL: dict[Autopilot, Literal["udpout", "tcpin"]] = {"px4": "udpout", "ardupilot": "tcpin"}
 _OTHER_END: dict[str, Literal["udpin", "udpout", "tcpin", "tcpout"]] = {
     "udpout": "udpin",
     "udpin": "udpout",
@@ -55,14 +54,14 @@ class MockVehicle:
 
     def __init__(
         self,
-        autopilot: Autopilot,
+        autopilot: str,
         settings: ProcessSettings,
         *,
         port_is_free_choice: bool,
         faults: Iterable[Fault],
         ready_within_s: float,
     ) -> None:
-        self.autopilot: Autopilot = autopilot
+        self.autopilot = autopilot
         self._settings = settings
         self._chooses_port = port_is_free_choice
         self._faults = tuple(faults)
@@ -252,7 +251,7 @@ class MockVehicle:
 
 
 def mock_vehicle(
-    autopilot: Autopilot,
+    autopilot: str,
     *,
     link: str | None = None,
     profile: str = "nominal",
@@ -275,9 +274,8 @@ def mock_vehicle(
 
     Raises BadInput for a faulty world or profile file, ValueError for any other wrong argument.
     """
-    if autopilot not in _USUAL:
-        raise ValueError(f"there is no mock {autopilot!r}: use px4 or ardupilot")
-    address = f"{_USUAL[autopilot]}://127.0.0.1:1" if link is None else link
+    usual = parse_link(autopilot_named(autopilot).embedded_link)
+    address = str(replace(usual, port=1)) if link is None else link
     _other_end(parse_link(address))
     try:
         settings = standalone_settings(

@@ -21,8 +21,6 @@ from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 
 _MOST_NAMES = 8
-_RESTART_SEQ = 1000
-"""A `seq` that falls by more than this shows that the sender restarted."""
 
 
 class ZmqReadings(LiveReadings):
@@ -119,17 +117,22 @@ class ZmqReadings(LiveReadings):
                 f"'{self._sensor}' is a {envelope.kind!r:.40} in the message, and a "
                 f"{self._kind_of} in the campaign"
             )
-        skipped = self._skipped(envelope.seq)
+        skipped = self._skipped(envelope.seq, envelope.sent_s)
+        resets = self._clock.resets
         t_s = self._clock.run_time(envelope.sent_s, arrived_s)
+        self.restarts += skipped is None or self._clock.resets > resets
         when = Sampled(t_s, arrived_s, self._side, self._mount, self._camera)
-        self.offer(read_reading(header, self._kind_of, when), skipped=skipped)
+        self.offer(read_reading(header, self._kind_of, when), skipped=skipped or 0)
 
-    def _skipped(self, seq: int) -> int:
-        """Return how many readings are missing before this one, by the sender's numbers."""
-        last, self._last_seq = self._last_seq, seq
-        if last is None or seq < last - _RESTART_SEQ:
-            return 0
-        if seq <= last:
-            self._last_seq = last
+    def _skipped(self, seq: int, sent_s: float) -> int | None:
+        """Return how many readings are missing before this one; None where a sender restarted.
+
+        Raises BadMessageError for one that later ones overtook, or that repeats a number.
+        """
+        last = self._last_seq
+        if last is not None and (seq == last or (seq < last and self._clock.is_overtaken(sent_s))):
             raise BadMessageError(f"its `seq` {seq} arrived after {last}")
-        return seq - last - 1
+        self._last_seq = seq
+        if last is None:
+            return 0
+        return seq - last - 1 if seq > last else None

@@ -253,7 +253,9 @@ class NodeAutonomy:
         while self.ended() is None:
             if time.monotonic() >= until_s:
                 where = self._topics.name_of(topic)
-                raise AutonomyFault(f"no longer subscribes to {where}, and has not ended either")
+                raise AutonomyFault(
+                    f"no longer subscribes to {where}, and has not ended either{self._printed()}"
+                )
             time.sleep(_LOOK_S)
         self._has_left = True
 
@@ -264,8 +266,18 @@ class NodeAutonomy:
         return (
             f"gave no setpoint with the stamp {stamp_ns / _NS:.9f} of a message on {where} within "
             f"{self._rules.barrier_s:g} s of wall time (autonomy.ros2.barrier): {found}; copy "
-            "header.stamp of the message into the setpoint's"
+            f"header.stamp of the message into the setpoint's{self._printed()}"
         )
+
+    def _printed(self) -> str:
+        """Return which node lives and does not do its part, and its last lines; "" for others.
+
+        Where it raised in a callback, its process may go on without an end.
+        """
+        if self._node is None:
+            return ""
+        lines = self._node.last_lines()
+        return f"; the node {self._node.name} printed last: {lines}" if lines else ""
 
     def _publish_latched(self, stamp_ns: int) -> None:
         mounts = partial(self._make.transforms, self._fixed(), stamp_ns)
@@ -349,6 +361,7 @@ class NodeAutonomy:
             because = "; ".join(text for text in why if text) or "it published none"
             raise AutonomyFault(
                 f"published no setpoint that can be used for {since_s:.1f} s: {because}"
+                f"{self._printed()}"
             )
         if since_s > _OLD_S:
             self._setpoint = _STILL
@@ -365,6 +378,7 @@ class NodeAutonomy:
             f"the stamp of one on {received.topic.name} was {abs(late_s):.1f} s {of_when}"
         )
         received.topic.trouble = self._refused
+        received.topic.refused += 1
         return False
 
     def _is_offboard(self, received: Received, t_s: float) -> bool:
@@ -374,6 +388,7 @@ class NodeAutonomy:
         trouble = self._px4.mode_trouble(t_s)
         if trouble:
             self._refused = received.topic.trouble = trouble
+            received.topic.refused += 1
         return not trouble
 
     def _setpoint_of(self, received: Received, body: Pose) -> Setpoint:

@@ -78,7 +78,7 @@ class OpenNode:
         return ProgramResult(
             vehicle=self.vehicle,
             exit="was found, and goes on" if self.node is None else _exit_text(self.node),
-            refused=sum(topic.received - topic.used for topic in self.inbox.topics.values()),
+            refused=sum(topic.refused for topic in self.inbox.topics.values()),
             trouble="; ".join(self.inbox.troubles()),
             topics=(*self.topics.results(), *_in_results(self.inbox)),
         )

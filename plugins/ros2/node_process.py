@@ -17,9 +17,13 @@ _LOOK_S = 0.001
 
 
 class NodeProcess:
-    """A node's process, and the end of what it printed. Its state may be asked in any thread."""
+    """A node's process, and the end of what it printed. Its state may be asked in any thread.
 
-    def __init__(self, child: ChildProcess, log: Path) -> None:
+    name: the command that started it.
+    """
+
+    def __init__(self, child: ChildProcess, log: Path, name: str) -> None:
+        self.name = name
         self._child = child
         self._log = log
         self.ended_by_us = False
@@ -81,7 +85,7 @@ async def started_node(
             inherited=inherited,
             grace_s=_GRACE_S,
         )
-        node = NodeProcess(child, log)
+        node = NodeProcess(child, log, " ".join(argv[:3]))
 
         def ended(_: ChildProcess) -> None:
             if not node.ended_by_us:

@@ -71,12 +71,27 @@ class Ros2Autonomy(ForeignAutonomy):
             yield file.problem(("autonomy", self.kind, *error.path), str(error))
 
     def _unknown(self, file: Document) -> Iterator[Problem]:
-        """Yield topics of `needs` and `barrier` on which no vehicle's sensor has anything."""
-        from wil_campaign.plugins.ros2.messages.topics import OWN  # noqa: PLC0415 - of an extra
-        from wil_campaign.plugins.ros2.px4.px4_types import PX4_OUT  # noqa: PLC0415
+        """Yield topics of `topics`, `needs` and `barrier` that no run has."""
+        from wil_campaign.plugins.ros2.messages.topics import (  # noqa: PLC0415 - of an extra
+            OWN,
+            SETPOINTS,
+            WORDS,
+        )
+        from wil_campaign.plugins.ros2.px4.px4_types import (  # noqa: PLC0415
+            PX4_OUT,
+            PX4_SETPOINTS,
+            PX4_WORDS,
+        )
 
-        own = OWN if self.part.px4_msgs is None else (*OWN, *PX4_OUT)
+        has_px4 = self.part.px4_msgs is not None
+        own = (*OWN, *PX4_OUT) if has_px4 else OWN
         ours = {out_topic.name for out_topic in own} | set(_topics_of_sensors(file, self.part))
+        received = {*SETPOINTS, *WORDS} | ({*PX4_SETPOINTS, *PX4_WORDS} if has_px4 else set())
+        for topic in self.part.topics:
+            if topic not in ours | received:
+                message = f"'{topic}' is no topic of the run, so it cannot be renamed or left out"
+                where = ("autonomy", self.kind, "topics", topic)
+                yield file.problem(where, message, closest(topic, ours | received))
         known = {name for name in ours if self.part.topics.get(name, name) is not None}
         known |= {self.part.topics[name] or "" for name in known & set(self.part.topics)}
         barrier = [] if self.part.barrier is None else self.part.barrier.topics

@@ -18,12 +18,17 @@ _KEPT = 256
 
 @dataclass(slots=True)
 class InTopic:
-    """A topic of the node. name: by us. type: expected. trouble: why messages are not used."""
+    """A topic of the node. name: by us. type: expected. trouble: why messages are refused.
+
+    Of the received messages some are used, some refused, and the others came before the goal or
+    were replaced by newer ones before the vehicle was steered.
+    """
 
     name: str
     type: str
     received: int = 0
     used: int = 0
+    refused: int = 0
     trouble: str = ""
     senders: set[str] = field(default_factory=set)
 
@@ -58,6 +63,7 @@ class SetpointInbox:
             topic.received += message.cdr is not None
             if message.type != topic.type:
                 topic.trouble = f"it has {message.type or 'an unknown type'}, not {topic.type}"
+                topic.refused += message.cdr is not None
                 return
             if message.sender:
                 topic.senders.add(message.sender)

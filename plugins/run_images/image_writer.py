@@ -1,10 +1,12 @@
 """Writes the pictures of a run that people share: card.png and flight.gif in its folder."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.recording.recorded_images import NotDrawnAgainError
 from wil_campaign.orchestrator.report.model import RunReport
 from wil_campaign.orchestrator.report.reading.run_reader import read_run
 from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
@@ -12,7 +14,7 @@ from wil_campaign.orchestrator.report.rendering.overview import stand_in
 from wil_campaign.orchestrator.report.rendering.page import decides, went_wrong
 from wil_campaign.plugins.run_images.card import draw_card
 from wil_campaign.plugins.run_images.moving_picture import frame_times, write_gif
-from wil_campaign.plugins.run_images.recorded_images import most_mixed, read_images
+from wil_campaign.plugins.run_images.recorded_images import ImagesAtTime, most_mixed, read_images
 
 CARD = "card.png"
 GIF = "flight.gif"
@@ -27,7 +29,7 @@ def write_card(folder: Path, run: str = "") -> Path:
     """
     campaign, entry = _find_run(folder, run)
     report = _read(folder, entry)
-    images = read_images(folder / entry.name, mode=entry.mode, wanted_s=_card_times(report))
+    images = _images(folder, entry, _card_times(report))
     note = "" if entry.mode == "sim" else stand_in(campaign)
     sheet = draw_card(report, campaign.name, most_mixed(images), note)
     path = folder / entry.name / CARD
@@ -54,11 +56,19 @@ def write_moving_picture(folder: Path, run: str = "") -> Path:
     campaign, entry = _find_run(folder, run)
     report = _read(folder, entry)
     place = folder / entry.name
-    images = read_images(place, mode=entry.mode, wanted_s=frame_times(report))
+    images = _images(folder, entry, frame_times(report))
     if not images:
         raise ResultsFolderError(f"--gif: no images of {entry.name} are recorded in run.mcap")
     write_gif(place / GIF, report, campaign.name, images)
     return place / GIF
+
+
+def _images(folder: Path, entry: RunEntry, wanted_s: Sequence[float]) -> list[ImagesAtTime]:
+    """Return the images of a run at the wanted times. Raises ResultsFolderError."""
+    try:
+        return read_images(folder / entry.name, mode=entry.mode, wanted_s=wanted_s)
+    except NotDrawnAgainError as error:
+        raise ResultsFolderError(f"{entry.name}: {error}") from error
 
 
 def _read(folder: Path, entry: RunEntry) -> RunReport:

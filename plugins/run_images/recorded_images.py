@@ -11,7 +11,7 @@ import numpy as np
 from mcap.records import Message
 from numpy.typing import NDArray
 
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import image_of
+from wil_campaign.orchestrator.recording.recorded_images import RecordedImages
 from wil_campaign.orchestrator.report.reading.recorded_sights import RecordedSight, read_sights
 from wil_campaign.vehicles.perception.depth_colors import color_depth
 from wil_campaign.vehicles.readings import BgrImage
@@ -21,17 +21,25 @@ _ALONE = {"sim": "twin", "real": "real"}
 
 @dataclass(frozen=True, slots=True)
 class ImagesAtTime:
-    """The images of a time, by source: real, twin and mixed, or the one that was perceived."""
+    """The images of a time, by source: real, twin and mixed, or the one that was perceived.
+
+    is_depth: their colours are those of depths.
+    """
 
     t_s: float
     images_bgr: Mapping[str, BgrImage]
+    is_depth: bool = False
 
 
 def read_images(run: Path, *, mode: str, wanted_s: Sequence[float]) -> list[ImagesAtTime]:
-    """Return the images of a run's folder at each wanted time, as far as they are recorded."""
+    """Return the images of a run's folder at each wanted time, as far as they are recorded.
+
+    Raises NotDrawnAgainError.
+    """
     found = read_sights(run / "run.mcap", mode=mode, wanted_s=wanted_s)
+    drawn = RecordedImages(found.facts)
     for sights in found.sights.values():
-        shown = [_decode_sight(sight, mode) for sight in sights]
+        shown = [_decode_sight(sight, mode, drawn) for sight in sights]
         if any(images_at_time.images_bgr for images_at_time in shown):
             return [images_at_time for images_at_time in shown if images_at_time.images_bgr]
     return []
@@ -49,20 +57,26 @@ def _difference(images: ImagesAtTime) -> float:
     return float(cv2.absdiff(real, mixed).mean())
 
 
-def _decode_sight(sight: RecordedSight, mode: str) -> ImagesAtTime:
-    images = dict(_decode(sight.beside))
-    images |= {_ALONE.get(mode, "mixed"): image for _, image in _decode((sight.perceived,))}
-    return ImagesAtTime(sight.wanted_s, images)
+def _decode_sight(sight: RecordedSight, mode: str, drawn: RecordedImages) -> ImagesAtTime:
+    beside = list(_decode(sight.beside, drawn))
+    perceived = list(_decode((sight.perceived,), drawn))
+    images = {source: image for source, image, _ in beside}
+    images |= {_ALONE.get(mode, "mixed"): image for _, image, _ in perceived}
+    return ImagesAtTime(sight.wanted_s, images, any(is_depth for *_, is_depth in perceived))
 
 
-def _decode(messages: Sequence[Message]) -> Iterator[tuple[str, BgrImage]]:
+def _decode(
+    messages: Sequence[Message], drawn: RecordedImages
+) -> Iterator[tuple[str, BgrImage, bool]]:
+    """Yield the source and the colours of each image, and whether they are those of depths."""
     for message in messages:
         try:
             document = json.loads(message.data)
             kind = document["wil"]["type"]
             if kind in {"camera", "depth"}:
-                image = image_of(document)
-                yield str(document["wil"]["source"]), _as_bgr(image, is_depth=kind == "depth")
+                is_depth = kind == "depth"
+                image = _as_bgr(drawn.image(document), is_depth=is_depth)
+                yield str(document["wil"]["source"]), image, is_depth
         except (KeyError, ValueError, TypeError, AttributeError, cv2.error):
             continue  # a reading of another type, or of another program
 

@@ -1,13 +1,14 @@
 """`wil-campaign vehicle`: flies one embedded vehicle in a process, for any MAVLink program."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
 from pydantic import ValidationError
 
 from wil_campaign.foundation.files.documents import load
 from wil_campaign.orchestrator.cli.standard_streams import err
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.process.embedded_process import Companion, run_process
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 from wil_campaign.vehicles.embedded.process.standalone_settings import (
@@ -21,11 +22,10 @@ from wil_campaign.worlds.world_file.world import World
 
 _BAD_INPUT, _UNAVAILABLE = 2, 3
 _VIDEO = "127.0.0.1:5600"
-_LINKS = {"px4": "udpout://127.0.0.1:14540", "ardupilot": "tcpin://127.0.0.1:5760"}
 
 
 def vehicle(
-    autopilot: Literal["px4", "ardupilot"],
+    autopilot: str,
     *,
     link: str | None = None,
     profile: str = "nominal",
@@ -73,7 +73,7 @@ def vehicle(
         be given several times. docs/vehicle.md lists all.
     """
     try:
-        address = _LINKS[autopilot] if link is None else link
+        address = autopilot_named(autopilot).embedded_link if link is None else link
         settings = standalone_settings(
             autopilot,
             address,
@@ -152,7 +152,7 @@ def _check_no_camera(faults: tuple[str, ...], video: str | None) -> None:
             raise ValueError(f"--fault {text}: there is no camera; give --camera")
 
 
-def _parameter(autopilot: Literal["px4", "ardupilot"], text: str) -> tuple[str, float]:
+def _parameter(autopilot: str, text: str) -> tuple[str, float]:
     """Return name and value of an embedded vehicle's parameter option."""
     name, equals, value = text.partition("=")
     check_parameter(autopilot, name)

@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from wil_campaign.plugins.step_response.figures import Figures
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 
 LIMIT = 0.15
 """The allowed deviation of a figure from the firmware's range, relative to the nearer end."""
-FIRMWARES: dict[AutopilotName, str] = {
+FIRMWARES: dict[str, str] = {
     "px4": "PX4 of August 2026 in SIH",
     "ardupilot": "ArduCopter 4.7 in SITL",
 }
@@ -39,7 +38,7 @@ class Row(NamedTuple):
         return abs(self.off) > LIMIT
 
 
-def load_ranges(autopilot: AutopilotName) -> Ranges:
+def load_ranges(autopilot: str) -> Ranges:
     """Return the least and the most of each figure over four flights of the firmware."""
     file = Path(__file__).with_name(f"{autopilot}.json")
     ranges: Ranges = json.loads(file.read_text("utf-8"))

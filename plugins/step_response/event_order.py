@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, AutopilotName, Mode, Target
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode, Target
 from wil_campaign.vehicles.mavlink.codec import Codec
 
 _LANDED = {
@@ -19,7 +19,7 @@ _LANDED = {
 }
 _ARMED, _DISARMED = "armed", "disarmed"
 _ACKNOWLEDGED = "acknowledged"
-_MODES: dict[AutopilotName, tuple[Mode, ...]] = {
+_MODES: dict[str, tuple[Mode, ...]] = {
     "px4": (Mode.TAKEOFF, Mode.HOLD, Mode.GUIDED, Mode.LAND),
     "ardupilot": (Mode.GUIDED, Mode.LAND),
 }
@@ -91,7 +91,7 @@ class EventTrace:
             self.events.append(Occurrence(t_s, name))
 
 
-def order_rows(events: Sequence[Occurrence], autopilot: AutopilotName) -> list[OrderRow]:
+def order_rows(events: Sequence[Occurrence], autopilot: str) -> list[OrderRow]:
     """Return the orders of a flight from before its arming to after its disarming."""
     modes = tuple(mode.value for mode in _MODES[autopilot])
     guided, land = Mode.GUIDED.value, Mode.LAND.value
@@ -106,7 +106,7 @@ def order_rows(events: Sequence[Occurrence], autopilot: AutopilotName) -> list[O
     ]
 
 
-def _modes(events: Sequence[Occurrence], autopilot: AutopilotName) -> tuple[str, ...]:
+def _modes(events: Sequence[Occurrence], autopilot: str) -> tuple[str, ...]:
     """Return the modes that the vehicle was in while armed, without PX4's hold before takeoff."""
     names = {mode.value for mode in Mode}
     mode, seen, armed = "", [], False

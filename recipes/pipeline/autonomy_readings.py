@@ -28,10 +28,11 @@ def autonomy_reading(reading: Reading, real: Reading, now_s: float, sensor: str)
 def without_ground_truth(reading: Reading) -> Reading:
     """Return an autonomy's reading without the simulator's ground truth of the scene.
 
-    That is the depth of a camera image, object ids, and the pose of the rendering camera.
+    That is the depth of a camera image, object ids, the pose of the rendering camera, and what
+    it drew.
     """
     if isinstance(reading, CameraReading):
-        return replace(reading, depth_m=None, object_ids=None, camera_pose=None)
+        return replace(reading, depth_m=None, object_ids=None, camera_pose=None, drawing=None)
     if isinstance(reading, DepthReading):
         return replace(reading, object_ids=None, camera_pose=None)
     if isinstance(reading, LidarScanReading | LidarPointsReading):

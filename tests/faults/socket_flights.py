@@ -44,7 +44,7 @@ from tests.orchestrator.wall_runs import ROOT, stages
 from tests.ports import free_port
 from tests.vehicles.embedded.running_vehicle import running_vehicle
 from wil_campaign.orchestrator.state.run_state import Stage
-from wil_campaign.vehicles.autopilots.failsafes import SILENCE_PARAMETERS
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 from wil_campaign.vehicles.mavlink.codec import Codec
 from wil_campaign.vehicles.mavlink.framing import Frame
@@ -354,7 +354,7 @@ async def _vehicle(
         system_id=1 if is_real else 2,
         latitude_deg=47.4,
         longitude_deg=8.5,
-        parameters=dict(SILENCE_PARAMETERS[fault.autopilot]),
+        parameters=dict(autopilot_named(fault.autopilot).failsafes.on_silence),
         feed_port=feed_port,
     )
     async with running_vehicle(settings) as process:

@@ -21,7 +21,13 @@ from wil_campaign.safety.preflight import (
     settled,
     without_faults,
 )
-from wil_campaign.vehicles.autopilots.failsafes import FAILSAFES, return_altitude_m, unsound
+from wil_campaign.vehicles.autopilots.failsafes import Failsafes
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+
+
+def failsafes(autopilot: str) -> Failsafes:
+    return autopilot_named(autopilot).failsafes
+
 
 FENCE = Fence.box(north_m=(-1, 4), east_m=(-2, 2), up_m=(-0.5, 2.5))
 SOUND: dict[str, dict[str, float]] = {
@@ -116,12 +122,12 @@ def test_an_override_names_who_takes_it_on_and_covers_nothing_else() -> None:
 
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
 def test_wanted_values_of_failsafes_are_sound(autopilot: str) -> None:
-    rules = FAILSAFES[autopilot]  # type: ignore[index]  # a Literal by parametrize
+    rules = failsafes(autopilot).rules
     assert all(rule.wanted is None or rule.holds(rule.wanted) for rule in rules)
-    assert list(unsound(autopilot, SOUND[autopilot])) == []  # type: ignore[arg-type]  # as above
+    assert list(failsafes(autopilot).unsound(SOUND[autopilot])) == []
     for name in SOUND[autopilot]:
         less = {key: value for key, value in SOUND[autopilot].items() if key != name}
-        (said,) = unsound(autopilot, less)  # type: ignore[arg-type]  # as above
+        (said,) = failsafes(autopilot).unsound(less)
         assert said == f"{name} is not known"
 
 
@@ -149,7 +155,7 @@ def test_an_unsound_value_of_a_failsafe_is_named(
     autopilot: str, name: str, value: float, said: str
 ) -> None:
     values = {**SOUND[autopilot], name: value}
-    (found,) = unsound(autopilot, values)  # type: ignore[arg-type]  # a Literal by parametrize
+    (found,) = failsafes(autopilot).unsound(values)
     assert found.startswith(said)
 
 
@@ -165,9 +171,9 @@ def test_a_return_that_hovers_at_its_end_is_no_landing(
     autopilot: str, action: dict[str, float], end: dict[str, float]
 ) -> None:
     sound = SOUND[autopilot]
-    assert list(unsound(autopilot, {**sound, **end})) == []  # type: ignore[arg-type]  # a Literal
-    assert list(unsound(autopilot, {**sound, **action})) == []  # type: ignore[arg-type]
-    (found,) = unsound(autopilot, {**sound, **action, **end})  # type: ignore[arg-type]
+    assert list(failsafes(autopilot).unsound({**sound, **end})) == []
+    assert list(failsafes(autopilot).unsound({**sound, **action})) == []
+    (found,) = failsafes(autopilot).unsound({**sound, **action, **end})
     assert "it would return, and hover there" in found
 
 
@@ -186,18 +192,18 @@ def test_a_return_that_hovers_at_its_end_is_no_landing(
 def test_an_unsound_value_is_replaced_by_a_sound_one(
     name: str, value: float, instead: int | None
 ) -> None:
-    (rule,) = (one for one in FAILSAFES["ardupilot"] if name in one.names)
+    (rule,) = (one for one in failsafes("ardupilot").rules if name in one.names)
     assert rule.wanted_instead(value) == instead
     assert instead is None or rule.holds(instead)
 
 
 def test_older_firmware_has_older_names_and_units() -> None:
     older = {"FS_GCS_ENABLE": 5, "FS_GCS_TIMEOUT": 5.0, "FS_OPTIONS": 0, "SYSID_MYGCS": 245}
-    assert list(unsound("ardupilot", older)) == []
-    assert return_altitude_m("ardupilot", {"RTL_ALT": 1500}) == 15.0
-    assert return_altitude_m("ardupilot", {"RTL_ALT_M": 15}) == 15.0
-    assert return_altitude_m("px4", {"RTL_RETURN_ALT": 60}) == 60.0
-    assert return_altitude_m("px4", {}) is None
+    assert list(failsafes("ardupilot").unsound(older)) == []
+    assert failsafes("ardupilot").return_altitude_m({"RTL_ALT": 1500}) == 15.0
+    assert failsafes("ardupilot").return_altitude_m({"RTL_ALT_M": 15}) == 15.0
+    assert failsafes("px4").return_altitude_m({"RTL_RETURN_ALT": 60}) == 60.0
+    assert failsafes("px4").return_altitude_m({}) is None
 
 
 @given(st.floats(), st.floats(0, 1e3))
@@ -222,10 +228,10 @@ def test_counts_of_satellites_are_written_as_numbers(
 def test_time_outs_of_a_simulation_are_as_many_times_longer_as_it_is_faster() -> None:
     # PX4's startup script multiplies them; its own clock is as much faster.
     values = {**SOUND["px4"], "COM_DL_LOSS_T": 50.0, "COM_OF_LOSS_T": 5.0}
-    assert list(unsound("px4", values, pace=5.0)) == []
-    (said,) = unsound("px4", values)
+    assert list(failsafes("px4").unsound(values, pace=5.0)) == []
+    (said,) = failsafes("px4").unsound(values)
     assert said.startswith("COM_DL_LOSS_T is 50: ")
-    assert len(list(unsound("px4", {**values, "COM_DL_LOSS_T": 500.0}, pace=5.0))) == 1
+    assert len(list(failsafes("px4").unsound({**values, "COM_DL_LOSS_T": 500.0}, pace=5.0))) == 1
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def test_a_radio_that_is_too_slow_is_refused() -> None:
 def test_fitted_telemetry_takes_no_more_than_its_share(
     radio_bit_s: float, autopilot: str, signed: bool
 ) -> None:
-    strategy = autopilot_named(autopilot)  # type: ignore[arg-type]  # one of the two
+    strategy = autopilot_named(autopilot)
     try:
         rates = fitted(strategy, WANTED, radio_bit_s=radio_bit_s, signed=signed)
     except RadioTooSlowError:

@@ -23,16 +23,20 @@ from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.report.campaign_report import write_report
 from wil_campaign.recipes.model.registry import steps
 from wil_campaign.safety.oracles.registry import oracle_kinds
+from wil_campaign.vehicles.autopilots.registry import strategies
+from wil_campaign.vehicles.embedded.emulations import emulations
 from wil_campaign.vehicles.readings import kinds
 
 HOOKS = {
     "announcers",
     "autonomy_kinds",
+    "autopilots",
     "campaign_keys",
     "commands",
     "drivers",
     "engines",
     "image_sources",
+    "launches",
     "live_views",
     "mesh_formats",
     "motion_captures",
@@ -124,6 +128,8 @@ def forget_plugins() -> None:
     autonomy_model.cache_clear()
     oracle_kinds.cache_clear()
     steps.cache_clear()
+    strategies.cache_clear()
+    emulations.cache_clear()
     for known in (kinds.sensor_specs, kinds.reading_types, kinds.faults_of_types, kinds._names):
         known.cache_clear()
 
@@ -221,6 +227,8 @@ def test_runs_fly_by_an_engine_of_another_distribution(
     assert not (tmp_path / "out").exists()
     assert main([*words, "--engine", "farm://a"]) == 0
     assert "on farm://a" in capsys.readouterr().out
+    (manifest,) = (tmp_path / "out").rglob("campaign.json")
+    assert json.loads(manifest.read_text())["plugins"] == {"sonar": "wil-sonar 1.2"}
 
 
 CHECK = """
@@ -888,8 +896,15 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
             for name in shipped("recording_formats")
         ),
     ]
-    words.append(["validate", str(write_recipe_of_steps(tmp_path))])
-    words += [["report", str(tmp_path), f"--{name}"] for name in shipped("report_images")]
+    words += [
+        ["validate", str(write_recipe_of_steps(tmp_path))],
+        ["validate", str(ROOT / "campaigns" / "gate-ardupilot.yaml")],
+        *(
+            ["run", gate, *one, "--set", f"vehicles.real.link={{launch: {name}}}"]
+            for name in shipped("launches")
+        ),
+        *(["report", str(tmp_path), f"--{name}"] for name in shipped("report_images")),
+    ]
     done = subprocess.run(  # noqa: S603 - our own interpreter
         [sys.executable, "-P", "-c", ABSENT.format(words=words, out=str(tmp_path / "out"))],
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
@@ -904,7 +919,8 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     hooks_of_rest = (
         *("operator_channels", "run_options", "autonomy_kinds", "run_observers", "oracles"),
         *("image_sources", "sources", "mesh_formats", "recipe_steps", "problem_formats"),
-        *("recording_formats", "motion_captures", "report_images"),
+        *("recording_formats", "motion_captures", "report_images", "autopilots"),
+        "launches",
     )
     named += [name for hook in hooks_of_rest for name in shipped(hook)]
     assert codes[3:] == [2] * (len(words) - 3)

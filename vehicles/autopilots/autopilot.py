@@ -1,21 +1,24 @@
 """The base of autopilot strategies; pure: MAVLink messages in and out, no sockets, no clock."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
+from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.autopilots.estimator_losses import EstimatorLosses
+from wil_campaign.vehicles.autopilots.failsafes import Failsafes
 from wil_campaign.vehicles.autopilots.ground_truth import GroundTruth
 from wil_campaign.vehicles.autopilots.map_projections import MapProjection
 from wil_campaign.vehicles.autopilots.readiness import Readiness, ReadinessRules
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.worlds.frames import Vec3
 
-AutopilotName = Literal["px4", "ardupilot"]
+FenceAction = Literal["report", "hold", "land", "rtl"]
+"""What an autopilot does on a breach of its own fence."""
 
 
 class Mode(Enum):
@@ -88,6 +91,14 @@ def own_heartbeat() -> Any:
     )
 
 
+def names_board(version: Any) -> bool:
+    """Return whether an AUTOPILOT_VERSION has a board's ids, which no simulation has.
+
+    ArduPilot for boards with Linux (Navio2) has none either.
+    """
+    return bool(version.board_version or version.vendor_id)
+
+
 def _with_sensors(
     plan: tuple[MessageRate, ...], sensors: Iterable[MessageRate]
 ) -> tuple[MessageRate, ...]:
@@ -107,7 +118,8 @@ class Autopilot(ABC):
     velocities are in the autopilot's own local NED frame.
     """
 
-    name: ClassVar[AutopilotName]
+    name: ClassVar[str]
+    """In campaigns."""
     label: ClassVar[str]
     """Its name in messages."""
     mav_autopilot: ClassVar[int]
@@ -126,6 +138,10 @@ class Autopilot(ABC):
     """The time from the takeoff command until it begins to climb, with motors spooled up."""
     embedded_liftoff_s: ClassVar[float]
     """The same of the embedded vehicle of this autopilot."""
+    embedded_parameters: ClassVar[Path]
+    """The file of the parameters of the embedded vehicle."""
+    embedded_link: ClassVar[str]
+    """Its end of the link to other programs, as the firmware has it by default."""
     takeoff_needs_amsl: ClassVar[bool]
     """Whether the takeoff command carries a height above mean sea level."""
     parameters_bytewise: ClassVar[bool]
@@ -145,6 +161,10 @@ class Autopilot(ABC):
     """Of the message with its magnetometer's field in body axes."""
     simulation_message_id: ClassVar[int | None] = None
     """Of a message that only its simulation sends; None where its AUTOPILOT_VERSION tells."""
+    guided_name: ClassVar[str]
+    """Its own name of the mode GUIDED."""
+    motion_parameters: ClassVar[tuple[str, ...]]
+    """Prefixes of the parameters that say how the vehicle moves."""
     fallback_modes: ClassVar[frozenset[str]]
     """Its names of the pilot's modes that it enters by itself when it can no longer be guided."""
     heeds_pace: ClassVar[bool] = False
@@ -155,6 +175,18 @@ class Autopilot(ABC):
     """The pseudo-parameter by which it tells a digest of all of its parameters; None: by none."""
     restless_parameters: ClassVar[tuple[str, ...]] = ()
     """Patterns of parameters that it changes by itself, as counters and what a boot measures."""
+    failsafes: ClassVar[Failsafes]
+    oldest_version: ClassVar[tuple[int, int]]
+    """The oldest firmware, major and minor, that supports what the strategy uses."""
+    log_suffix: ClassVar[str]
+    logs_numbered_in_order: ClassVar[bool] = False
+    """Whether a later log has a higher number."""
+    missions_begin_at_home: ClassVar[bool] = False
+    """Whether item 0 of a mission is home."""
+    imu_message: ClassVar[str] = "HIGHRES_IMU"
+    """By which it sends what its IMU measures; RAW_IMU of no other has a known unit."""
+    unsent_messages: ClassVar[Mapping[str, str]] = {}
+    """Messages with readings that it never sends, with the reason and the remedy."""
 
     @abstractmethod
     def mode_of(self, custom_mode: int) -> Mode:
@@ -183,6 +215,24 @@ class Autopilot(ABC):
         """Return the parameter below whose value, in metres, no takeoff command is obeyed."""
         del version
         return None
+
+    @abstractmethod
+    def is_simulation(self, version: Any, system_id: int, *, shows_it: bool) -> bool:
+        """Return whether a vehicle is a simulation, by its AUTOPILOT_VERSION; unknown: hardware.
+
+        shows_it: whether it has sent its `simulation_message_id`.
+        """
+
+    @abstractmethod
+    def fence_parameters(
+        self, *, has_areas: bool, ceiling_m: float | None, action: FenceAction
+    ) -> dict[str, int | float]:
+        """Return the parameters that make it enforce a fence, in the order to set.
+
+        ceiling_m: above home; None for none. Bounds come before the parameters that enable them, so
+        that none is breached in between in flight; restored in reverse order, the fence is off
+        before its bounds change.
+        """
 
     @abstractmethod
     def _heading_mask(self, yaw_rad: float | None, yaw_rate_rad_s: float | None) -> int:

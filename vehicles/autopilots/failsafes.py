@@ -1,40 +1,21 @@
 """The autopilot's own failsafe parameters, for the loss of its ground station or of setpoints.
 
 The guard is the first line of defence; these are the second: the guard and its parent may both
-die. Parameters: ArduCopter/Parameters.cpp and events.cpp; PX4's commander_params.c and
-rtl_params.c.
+die. Each autopilot has its own (`Autopilot.failsafes`).
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from typing import Literal
 
 OWN_SYSTEM_ID = 245
 """Our system id as a ground station, of driver and guard; its heartbeats prevent the vehicle's GCS
 failsafe."""
-_ARDUPILOT_LAND, _PX4_LAND = 5, 3
-_CONTINUE_WITHOUT_GCS = 1 << 4
-"""GCS_CONTINUE_IF_PILOT_CONTROL of FS_OPTIONS, set by default: a lost ground station changes
-nothing in modes that are no autopilot's by mode.h, such as BRAKE, in which the guard holds."""
-_ARDUPILOT_RETURNS = frozenset({1, 2, 3, 4, 6})
-_EXCEPT_HOLD = 1 << 1
-"""A bit of PX4's COM_DLL_EXCEPT: a lost ground station changes nothing in Hold."""
-_SILENT_S = 5.0
+SILENT_S = 5.0
 """Longer than the guard's time-out for a lost vehicle, so that the guard acts first."""
-
-SILENCE_PARAMETERS: Mapping[AutopilotName, Mapping[str, float]] = {
-    "ardupilot": {
-        "FS_GCS_ENABLE": float(_ARDUPILOT_LAND),
-        "FS_GCS_TIMEOUT": _SILENT_S,
-        "FS_OPTIONS": 0.0,
-        "MAV_GCS_SYSID": float(OWN_SYSTEM_ID),
-    },
-    "px4": {"NAV_DLL_ACT": float(_PX4_LAND), "COM_DL_LOSS_T": _SILENT_S},
-}
-"""Parameters of embedded autopilots, so that they land on link loss: by default ArduCopter hovers
-and PX4 stays in Hold. A campaign's own `params` override them."""
+ReturnsBy = Literal["rally", "landing", "mission"]
+"""The closest rally point, a stored mission's landing, or all of the mission's way to it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,113 +73,54 @@ class AltitudeParameter:
     metres: float
 
 
-FAILSAFES: Mapping[AutopilotName, tuple[FailsafeRule, ...]] = {
-    "ardupilot": (
-        FailsafeRule(
-            names=("FS_GCS_ENABLE",),
-            wanted=_ARDUPILOT_LAND,
-            sound=frozenset({1, 2, 3, 4, 5, 6}),
-            wrong="on link loss it would hover until its battery is empty",
-        ),
-        FailsafeRule(
-            names=("FS_GCS_TIMEOUT",),
-            longest_s=30.0,
-            wrong="it would take too long to detect a link loss",
-        ),
-        FailsafeRule(
-            names=("FS_OPTIONS",),
-            forbidden=_CONTINUE_WITHOUT_GCS,
-            wrong="it would ignore a link loss in BRAKE, in which the guard holds; take "
-            f"{_CONTINUE_WITHOUT_GCS} (continue in pilot controlled modes) off it",
-        ),
-        FailsafeRule(
-            names=("MAV_GCS_SYSID", "SYSID_MYGCS"),
-            wanted=OWN_SYSTEM_ID,
-            sound=frozenset({OWN_SYSTEM_ID}),
-            wrong=f"it expects another ground station's heartbeats, not ours ({OWN_SYSTEM_ID})",
-        ),
-        FailsafeRule(
-            names=("RTL_ALT_FINAL", "RTL_ALT_FINAL_M"),
-            most=0.0,
-            wrong="on link loss it would return, and hover there until its battery is empty",
-            is_optional=True,
-            where=("FS_GCS_ENABLE", _ARDUPILOT_RETURNS),
-        ),
-        FailsafeRule(
-            names=("FS_EKF_ACTION",),
-            wanted=1,
-            sound=frozenset({1, 3}),
-            wrong="without a position it would not land, but wait for a pilot",
-            is_optional=True,
-        ),
-    ),
-    "px4": (
-        FailsafeRule(
-            names=("NAV_DLL_ACT",),
-            wanted=_PX4_LAND,
-            sound=frozenset({2, 3}),
-            wrong="on link loss it would not land, or it would fall",
-        ),
-        FailsafeRule(
-            names=("COM_DLL_EXCEPT",),
-            forbidden=_EXCEPT_HOLD,
-            wrong="it would ignore a link loss in Hold, in which the guard holds; take "
-            f"{_EXCEPT_HOLD} (Hold) off it",
-            is_optional=True,
-        ),
-        FailsafeRule(
-            names=("RTL_LAND_DELAY",),
-            least=0.0,
-            wrong="on link loss it would return, and hover there until its battery is empty",
-            is_optional=True,
-            where=("NAV_DLL_ACT", frozenset({2})),
-        ),
-        FailsafeRule(
-            names=("COM_DL_LOSS_T",),
-            longest_s=30.0,
-            wrong="it would take too long to detect a link loss",
-        ),
-        FailsafeRule(
-            names=("COM_OBL_RC_ACT",),
-            wanted=4,
-            sound=frozenset({0, 1, 2, 3, 4, 5}),
-            wrong="it would fall when setpoints stop",
-        ),
-        FailsafeRule(
-            names=("COM_OF_LOSS_T",),
-            longest_s=5.0,
-            wrong="it would fly on for too long when setpoints stop",
-        ),
-    ),
-}
-RETURN_ALTITUDES: Mapping[AutopilotName, tuple[AltitudeParameter, ...]] = {
-    "ardupilot": (AltitudeParameter("RTL_ALT", 0.01), AltitudeParameter("RTL_ALT_M", 1.0)),
-    "px4": (AltitudeParameter("RTL_RETURN_ALT", 1.0),),
-}
-"""By all names in use, the most common first: ArduPilot does not answer for unknown names."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Failsafes:
+    """An autopilot's own failsafes.
 
-
-def unsound(
-    autopilot: AutopilotName, values: Mapping[str, float], *, pace: float = 1.0
-) -> Iterator[str]:
-    """Yield in words what is wrong with an autopilot's failsafe parameters.
-
-    pace: the times real time that it was launched with; PX4's startup script multiplies its
-    time-outs by it (ROMFS/px4fmu_common/init.d-posix/rcS).
+    on_silence: parameters with which an embedded one lands on link loss; a campaign's own `params`
+    override them. return_altitudes: by all names in use, the most common first: ArduPilot does not
+    answer for unknown names. returning: by parameter the values with which it returns. ways: the
+    places besides home to which it then may return, by its parameters. return_type: the parameter
+    that says which of them count. rally_limit: the one that says how far a rally point may be, in
+    kilometres; 0 for any distance. None for a parameter that it does not have.
     """
-    for rule in FAILSAFES[autopilot]:
-        known = [name for name in rule.names if name in values]
-        if not rule.counts(values) or (rule.is_optional and not known):
-            continue
-        if not known:
-            yield f"{rule.names[0]} is not known"
-        elif not rule.holds(values[known[0]], pace):
-            yield f"{known[0]} is {values[known[0]]:g}: {rule.wrong}"
 
+    on_silence: Mapping[str, float]
+    rules: tuple[FailsafeRule, ...]
+    return_altitudes: tuple[AltitudeParameter, ...]
+    returning: Mapping[str, frozenset[int]]
+    ways: Callable[[Mapping[str, float]], frozenset[ReturnsBy]]
+    return_type: str | None = None
+    rally_limit: str | None = None
 
-def return_altitude_m(autopilot: AutopilotName, values: Mapping[str, float]) -> float | None:
-    """Return the altitude above home of a failsafe's return; None when unknown."""
-    for parameter in RETURN_ALTITUDES[autopilot]:
-        if parameter.name in values:
-            return values[parameter.name] * parameter.metres
-    return None
+    def unsound(self, values: Mapping[str, float], *, pace: float = 1.0) -> Iterator[str]:
+        """Yield in words what is wrong with the values of the failsafe parameters.
+
+        pace: the times real time that it was launched with; PX4's startup script multiplies its
+        time-outs by it (ROMFS/px4fmu_common/init.d-posix/rcS).
+        """
+        for rule in self.rules:
+            known = [name for name in rule.names if name in values]
+            if not rule.counts(values) or (rule.is_optional and not known):
+                continue
+            if not known:
+                yield f"{rule.names[0]} is not known"
+            elif not rule.holds(values[known[0]], pace):
+                yield f"{known[0]} is {values[known[0]]:g}: {rule.wrong}"
+
+    def return_altitude_m(self, values: Mapping[str, float]) -> float | None:
+        """Return the altitude above home of a failsafe's return; None when unknown."""
+        for parameter in self.return_altitudes:
+            if parameter.name in values:
+                return values[parameter.name] * parameter.metres
+        return None
+
+    def rally_limit_m(self, values: Mapping[str, float]) -> float:
+        """Return how far from a vehicle a rally point may be for it to return there."""
+        limit_km = 0.0 if self.rally_limit is None else values.get(self.rally_limit, 0.0)
+        return limit_km * 1000.0 if limit_km > 0.0 else math.inf
+
+    def ways_of_return(self, values: Mapping[str, float]) -> frozenset[ReturnsBy]:
+        """Return by which places besides home the failsafes may return; empty for none."""
+        returns = any(values.get(name) in actions for name, actions in self.returning.items())
+        return self.ways(values) if returns else frozenset()

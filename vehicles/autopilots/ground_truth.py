@@ -1,17 +1,11 @@
-"""Reads a simulator's ground truth: HIL_STATE_QUATERNION of PX4, SIM_STATE of ArduPilot; pure.
+"""Reads a simulator's ground truth, HIL_STATE_QUATERNION of PX4; pure.
 
-Both are sent by simulations only (SITL, hardware in the loop). Their content, by the firmwares'
-sources:
+Only simulations send it (SITL, hardware in the loop). Its content, by the firmware's source:
 
 PX4 (src/modules/mavlink/streams/HIL_STATE_QUATERNION.hpp) fills it from its *_groundtruth topics,
 and sends none when no simulator publishes those. Degrees times 1e7, millimetres above sea level,
 cm/s, all truncated to integers. In PX4 of August 2026 time_usec is the time of validity since
 boot, the epoch of time_boot_ms; in earlier versions it was 0.
-
-ArduPilot (SIM::sim_state_send, libraries/SITL/SITL.cpp): attitude and velocity as floats; lat and
-lon are 32-bit floats, 0.4 m apart at 47 degrees (versions without lat_int put degrees times 1e7
-there): only lat_int and lon_int are used. Heights are of whole centimetres. It has no time.
-SIMSTATE has neither height nor velocity nor time: it is not used.
 """
 
 import math
@@ -51,32 +45,13 @@ def read_hil_state(message: Any) -> GroundTruth:
         latitude_deg=message.lat * 1e-7,
         longitude_deg=message.lon * 1e-7,
         altitude_m=message.alt * 1e-3,
-        q_wxyz=_unit("HIL_STATE_QUATERNION", tuple(message.attitude_quaternion)),
+        q_wxyz=unit_attitude("HIL_STATE_QUATERNION", tuple(message.attitude_quaternion)),
         velocity_ned_m_s=(message.vx * 0.01, message.vy * 0.01, message.vz * 0.01),
         boot_s=message.time_usec * 1e-6 if message.time_usec else None,
     )
 
 
-def read_sim_state(message: Any) -> GroundTruth:
-    """Return the ground truth in a SIM_STATE. Raises GroundTruthError."""
-    if not (message.lat_int or message.lon_int):
-        raise GroundTruthError(
-            "SIM_STATE has no lat_int and lon_int, and its floats have a resolution of 0.4 m: "
-            "use a newer ArduPilot"
-        )
-    numbers = (message.alt, message.vn, message.ve, message.vd)
-    if not all(map(math.isfinite, numbers)):
-        raise GroundTruthError("SIM_STATE has a height or velocity that is not a number")
-    return GroundTruth(
-        latitude_deg=message.lat_int * 1e-7,
-        longitude_deg=message.lon_int * 1e-7,
-        altitude_m=message.alt,
-        q_wxyz=_unit("SIM_STATE", (message.q1, message.q2, message.q3, message.q4)),
-        velocity_ned_m_s=(message.vn, message.ve, message.vd),
-    )
-
-
-def _unit(name: str, q_wxyz: Quat) -> Quat:
+def unit_attitude(name: str, q_wxyz: Quat) -> Quat:
     """Return a ground truth's quaternion at length 1. Raises GroundTruthError."""
     length = math.hypot(*q_wxyz)
     if not abs(length - 1.0) < _UNIT_WITHIN:

@@ -1,4 +1,4 @@
-"""Map projections of PX4 and ArduPilot: latitude and longitude to metres and back; pure.
+"""Map projections of simulators: latitude and longitude to metres and back; PX4's; pure.
 
 A simulator computes in metres and sends degrees. Converted to metres by WGS-84, distances are up
 to 0.3 % wrong (3 cm at 10 m); the autopilot's own projection, on a sphere, returns the simulator's
@@ -9,12 +9,8 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from wil_campaign.worlds.frames import wrap_pi
-
 PX4_EARTH_RADIUS_M = 6_371_000.0
 """CONSTANTS_RADIUS_OF_EARTH (PX4, src/lib/geo/geo.h)."""
-ARDUPILOT_M_PER_1E7_DEG = 0.011131884502145034
-"""LOCATION_SCALING_FACTOR (ArduPilot, libraries/AP_Common/Location.h)."""
 
 
 class MapProjection(Protocol):
@@ -62,34 +58,3 @@ class Px4Projection:
             math.cos(origin) * math.cos(arc) - north * math.sin(origin) * math.sin(arc),
         )
         return math.degrees(math.asin(sine)), self.longitude_deg + math.degrees(turn)
-
-
-@dataclass(frozen=True, slots=True)
-class ArduPilotProjection:
-    """ArduPilot's flat earth: Location::get_distance_NE and Location::offset (Location.cpp).
-
-    A degree north is equally long everywhere; a degree east is shorter by the cosine of the mean
-    latitude of both places.
-    """
-
-    latitude_deg: float
-    longitude_deg: float
-
-    def to_metres(self, latitude_deg: float, longitude_deg: float) -> tuple[float, float]:
-        """Return metres north and east of the origin."""
-        turn_deg = math.degrees(wrap_pi(math.radians(longitude_deg - self.longitude_deg)))
-        shorter = self._shorter((latitude_deg + self.latitude_deg) / 2.0)
-        north_m = (latitude_deg - self.latitude_deg) * 1e7 * ARDUPILOT_M_PER_1E7_DEG
-        return north_m, turn_deg * 1e7 * ARDUPILOT_M_PER_1E7_DEG * shorter
-
-    def to_degrees(self, north_m: float, east_m: float) -> tuple[float, float]:
-        """Return latitude and longitude of a place, degrees."""
-        moved_deg = north_m / ARDUPILOT_M_PER_1E7_DEG * 1e-7
-        shorter = self._shorter(self.latitude_deg + moved_deg / 2.0)
-        turn_deg = east_m / ARDUPILOT_M_PER_1E7_DEG / shorter * 1e-7
-        return self.latitude_deg + moved_deg, self.longitude_deg + turn_deg
-
-    @staticmethod
-    def _shorter(latitude_deg: float) -> float:
-        """Return Location::longitude_scale: at least 0.01, to not divide by 0 at a pole."""
-        return max(math.cos(math.radians(latitude_deg)), 0.01)

@@ -1,9 +1,12 @@
 """PX4 1.15 and later, multicopters.
 
-Modes: px4_custom_mode.h (main mode in bits 16 to 23, sub mode in bits 24 to 31).
+Modes: px4_custom_mode.h (main mode in bits 16 to 23, sub mode in bits 24 to 31). Parameters:
+commander_params.c and rtl_params.c.
 """
 
 import math
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -12,10 +15,17 @@ from wil_campaign.vehicles.autopilots.autopilot import (
     IGNORE_YAW,
     IGNORE_YAW_RATE,
     Autopilot,
-    AutopilotName,
+    FenceAction,
     Mode,
     Target,
     command_long,
+)
+from wil_campaign.vehicles.autopilots.failsafes import (
+    SILENT_S,
+    AltitudeParameter,
+    FailsafeRule,
+    Failsafes,
+    ReturnsBy,
 )
 from wil_campaign.vehicles.autopilots.ground_truth import GroundTruth, read_hil_state
 from wil_campaign.vehicles.autopilots.map_projections import Px4Projection
@@ -64,10 +74,79 @@ def _describe_mode(custom_mode: int) -> tuple[str, Mode]:
     return _MAIN.get(main, (f"mode {main}/{sub}", Mode.OTHER))
 
 
+_LAND = 3
+"""Of NAV_DLL_ACT."""
+_EXCEPT_HOLD = 1 << 1
+"""A bit of PX4's COM_DLL_EXCEPT: a lost ground station changes nothing in Hold."""
+_WAYS_OF_RETURN: Mapping[int, frozenset[ReturnsBy]] = {
+    0: frozenset({"rally"}),
+    1: frozenset({"rally", "landing"}),
+    2: frozenset({"mission"}),
+    3: frozenset({"rally", "landing"}),
+    4: frozenset({"mission"}),
+}
+_ANY_WAY: frozenset[ReturnsBy] = frozenset({"rally", "landing", "mission"})
+"""A type that is not known here may do any of it."""
+
+
+def _ways_of_return(values: Mapping[str, float]) -> frozenset[ReturnsBy]:
+    """Return the places besides home to which PX4's RTL may fly."""
+    return _WAYS_OF_RETURN.get(int(values.get("RTL_TYPE", 0)), _ANY_WAY)
+
+
+_FAILSAFES = Failsafes(
+    on_silence={"NAV_DLL_ACT": float(_LAND), "COM_DL_LOSS_T": SILENT_S},
+    rules=(
+        FailsafeRule(
+            names=("NAV_DLL_ACT",),
+            wanted=_LAND,
+            sound=frozenset({2, 3}),
+            wrong="on link loss it would not land, or it would fall",
+        ),
+        FailsafeRule(
+            names=("COM_DLL_EXCEPT",),
+            forbidden=_EXCEPT_HOLD,
+            wrong="it would ignore a link loss in Hold, in which the guard holds; take "
+            f"{_EXCEPT_HOLD} (Hold) off it",
+            is_optional=True,
+        ),
+        FailsafeRule(
+            names=("RTL_LAND_DELAY",),
+            least=0.0,
+            wrong="on link loss it would return, and hover there until its battery is empty",
+            is_optional=True,
+            where=("NAV_DLL_ACT", frozenset({2})),
+        ),
+        FailsafeRule(
+            names=("COM_DL_LOSS_T",),
+            longest_s=30.0,
+            wrong="it would take too long to detect a link loss",
+        ),
+        FailsafeRule(
+            names=("COM_OBL_RC_ACT",),
+            wanted=4,
+            sound=frozenset({0, 1, 2, 3, 4, 5}),
+            wrong="it would fall when setpoints stop",
+        ),
+        FailsafeRule(
+            names=("COM_OF_LOSS_T",),
+            longest_s=5.0,
+            wrong="it would fly on for too long when setpoints stop",
+        ),
+    ),
+    return_altitudes=(AltitudeParameter("RTL_RETURN_ALT", 1.0),),
+    returning={"NAV_DLL_ACT": frozenset({2}), "COM_OBL_RC_ACT": frozenset({3})},
+    ways=_ways_of_return,
+    return_type="RTL_TYPE",
+)
+_FENCE_ACTIONS: dict[FenceAction, int] = {"report": 1, "hold": 2, "rtl": 3, "land": 5}
+_SITL_UID = 0x4954414C44494E4F
+
+
 class Px4(Autopilot):
     """PX4: setpoints must stream before and during OFFBOARD; takes off to a height above sea."""
 
-    name: ClassVar[AutopilotName] = "px4"
+    name: ClassVar[str] = "px4"
     label: ClassVar[str] = "PX4"
     mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_PX4
     # PX4 requires more than 2 Hz, and COM_OF_LOSS_T is 1 s.
@@ -82,6 +161,8 @@ class Px4(Autopilot):
     # MPC_TKO_RAMP_T is 3 s. Measured by our liftoff detector in flights of the gate in SIH.
     liftoff_s: ClassVar[float] = 3.2
     embedded_liftoff_s: ClassVar[float] = 2.9
+    embedded_parameters: ClassVar[Path] = Path(__file__).with_name("px4_parameters.yaml")
+    embedded_link: ClassVar[str] = "udpout://127.0.0.1:14540"
     takeoff_needs_amsl: ClassVar[bool] = True
     parameters_bytewise: ClassVar[bool] = True
     changes_mode_on_disarm: ClassVar[bool] = True
@@ -102,11 +183,16 @@ class Px4(Autopilot):
     accuracy_message_id: ClassVar[int | None] = mavlink.MAVLINK_MSG_ID_ODOMETRY
     truth_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION
     magnetometer_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
+    guided_name: ClassVar[str] = "OFFBOARD"
+    motion_parameters: ClassVar[tuple[str, ...]] = ("MPC_",)
     # COM_OBL_RC_ACT 0 to 2 (FallbackPosCtrl, AltCtrl and Stab of failsafe/framework.cpp).
     fallback_modes: ClassVar[frozenset[str]] = frozenset({"POSCTL", "ALTCTL", "STABILIZED"})
     frame_parameters: ClassVar[tuple[str, ...]] = ("SYS_AUTOSTART",)
     # CRC-32 of all used parameters without volatile ones (param_hash_check in parameters.cpp).
     parameters_digest: ClassVar[str | None] = "_HASH_CHECK"
+    failsafes: ClassVar[Failsafes] = _FAILSAFES
+    oldest_version: ClassVar[tuple[int, int]] = (1, 14)
+    log_suffix: ClassVar[str] = ".ulg"
 
     def mode_of(self, custom_mode: int) -> Mode:
         """Return our mode for a PX4 HEARTBEAT."""
@@ -145,6 +231,24 @@ class Px4(Autopilot):
         build without a version, (0, 0, 0), counts as new.
         """
         return "MIS_TAKEOFF_ALT" if (0, 0, 0) < version < (1, 15, 0) else None
+
+    def is_simulation(self, version: Any, system_id: int, *, shows_it: bool) -> bool:
+        """Return whether an AUTOPILOT_VERSION has the uid of PX4's SITL."""
+        del shows_it
+        # PX4 adds the system id minus one (mavlink_main.cpp).
+        return bool(version.uid in {_SITL_UID, _SITL_UID + system_id - 1})
+
+    def fence_parameters(
+        self, *, has_areas: bool, ceiling_m: float | None, action: FenceAction
+    ) -> dict[str, int | float]:
+        """Return PX4's GF_* of a fence (geofence_params.c)."""
+        del has_areas
+        # GF_MAX_*_DIST are distances from home; 0 is off.
+        return {
+            "GF_MAX_HOR_DIST": 0.0,
+            "GF_MAX_VER_DIST": ceiling_m or 0.0,
+            "GF_ACTION": _FENCE_ACTIONS[action],
+        }
 
     def _heading_mask(self, yaw_rad: float | None, yaw_rate_rad_s: float | None) -> int:
         # With neither it keeps its heading: PositionControl uses the present yaw.

@@ -1,12 +1,13 @@
 """Finds the strategy of an autopilot, by name or by MAV_AUTOPILOT."""
 
+from collections.abc import Mapping
+from functools import cache
+
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, AutopilotName
-from wil_campaign.vehicles.autopilots.px4 import Px4
-
-_STRATEGIES: tuple[Autopilot, ...] = (Px4(), ArduCopter())
+from wil_campaign.hooks import autopilots
+from wil_campaign.installed_plugins import absent, loaded
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot
 
 MULTICOPTERS = frozenset(
     {
@@ -18,7 +19,13 @@ MULTICOPTERS = frozenset(
         mavlink.MAV_TYPE_DECAROTOR,
     }
 )
-"""MAV_TYPEs that both strategies fly: only the type tells ArduPilot's planes from copters."""
+"""MAV_TYPEs that all strategies fly: only the type tells ArduPilot's planes from copters."""
+
+
+@cache
+def strategies() -> Mapping[str, Autopilot]:
+    """Return by name the strategies of all autopilots, the core's and the plugins'."""
+    return {name: strategy() for name, strategy in loaded(autopilots, "strategy").items()}
 
 
 def flies(vehicle_type: int, mav_autopilot: int) -> bool:
@@ -26,11 +33,18 @@ def flies(vehicle_type: int, mav_autopilot: int) -> bool:
     return vehicle_type in MULTICOPTERS and autopilot_of(mav_autopilot) is not None
 
 
-def autopilot_named(name: AutopilotName) -> Autopilot:
-    """Return the registered autopilot strategy of a name in a campaign."""
-    return next(strategy for strategy in _STRATEGIES if strategy.name == name)
+def autopilot_named(name: str) -> Autopilot:
+    """Return the registered autopilot strategy of a name in a campaign.
+
+    Raises ValueError for another name, or for that of a plugin that is not installed.
+    """
+    if name in strategies():
+        return strategies()[name]
+    known = ", ".join(strategies())
+    raise ValueError(absent(autopilots).get(name) or f"there is no autopilot '{name}' ({known})")
 
 
 def autopilot_of(mav_autopilot: int) -> Autopilot | None:
     """Return the registered autopilot strategy for HEARTBEAT.autopilot; None for others."""
-    return next((each for each in _STRATEGIES if each.mav_autopilot == mav_autopilot), None)
+    known = strategies().values()
+    return next((each for each in known if each.mav_autopilot == mav_autopilot), None)

@@ -5,14 +5,14 @@ Noise comes from a tile that is drawn once and shifted for each image: fresh noi
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from wil_campaign.vehicles.embedded.profile import CameraFaults
-from wil_campaign.vehicles.readings import BgrImage
+from wil_campaign.vehicles.readings import BgrImage, DrawnEffects
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 
@@ -59,14 +59,34 @@ class CameraQuality:
 class CameraEffects:
     """Applies camera effects to rendered images.
 
-    Thread-safe: it is not written to after construction.
+    rng: fresh, as its seed made it. Thread-safe: it is not written to after construction.
     """
 
     def __init__(
         self, quality: CameraQuality, intrinsics: Intrinsics, rng: np.random.Generator
     ) -> None:
+        self._quality = quality
+        self._seed = _seed_of(rng)
         self._table = _exposure_table(quality)
         self._noise = _noise_tile(quality, intrinsics, rng)
+
+    @classmethod
+    def again(cls, drawn: DrawnEffects, intrinsics: Intrinsics) -> Self:
+        """Return the effects of a drawn image's camera, with equal noise."""
+        quality = CameraQuality(drawn.noise_std_dn, drawn.gain, drawn.offset_dn)
+        return cls(quality, intrinsics, np.random.default_rng(drawn.seed))
+
+    def drawn(self, streak_px: Streak, noise_roll_px: tuple[int, int]) -> DrawnEffects:
+        """Return what `apply` does with these arguments, to be done again."""
+        quality = self._quality
+        return DrawnEffects(
+            self._seed,
+            quality.noise_std_dn,
+            quality.gain,
+            quality.offset_dn,
+            streak_px,
+            noise_roll_px,
+        )
 
     def apply(
         self, image_bgr: BgrImage, *, streak_px: Streak, noise_roll_px: tuple[int, int]
@@ -89,6 +109,13 @@ class CameraEffects:
             image_bgr = cv2.add(image_bgr, brighter)
             cv2.subtract(image_bgr, darker, dst=image_bgr)
         return image_bgr
+
+
+def _seed_of(rng: np.random.Generator) -> tuple[int, ...]:
+    """Return the numbers that a generator was made of."""
+    # NumPy types its seed as one of any kind; default_rng makes a SeedSequence.
+    entropy: Any = getattr(rng.bit_generator.seed_seq, "entropy", ())
+    return tuple(int(number) for number in np.atleast_1d(np.array(entropy, dtype=object)))
 
 
 def blur_image(image_bgr: BgrImage, streak_px: Streak) -> BgrImage:

@@ -22,7 +22,14 @@ from wil_campaign.vehicles.cameras.camera_effects import (
 )
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
-from wil_campaign.vehicles.readings import BgrImage, CameraReading, DepthImage, IdImage, Source
+from wil_campaign.vehicles.readings import (
+    BgrImage,
+    CameraReading,
+    DepthImage,
+    Drawing,
+    IdImage,
+    Source,
+)
 from wil_campaign.worlds.camera import CameraMount, Intrinsics
 from wil_campaign.worlds.frames import Pose
 
@@ -80,6 +87,12 @@ class ImageSource(Protocol):
         want_ids: bool = False,
     ) -> RenderedImage:
         """Return a rendered image of the caller's own. Raises NoImageError."""
+
+
+def moving_in(image: RenderedImage) -> tuple[Pose, ...] | None:
+    """Return where moving bodies stood in an image; None for one that this program did not draw."""
+    found: tuple[Pose, ...] | None = getattr(image, "moving", None)
+    return found
 
 
 class Compute(Protocol):
@@ -206,21 +219,27 @@ class RenderedCamera:
         return self._mount.camera_pose(found.pose)
 
     async def _render_exposure(self, exposure: _Exposure) -> CameraReading:
-        def job() -> BgrImage:
-            raw = self._source.picture(exposure.camera_pose, self._intrinsics, exposure.t_s)
-            return self._effects.apply(
-                raw.image_bgr, streak_px=exposure.streak_px, noise_roll_px=exposure.noise_roll_px
-            )
+        streak, roll = exposure.streak_px, exposure.noise_roll_px
 
+        def job() -> tuple[BgrImage, Drawing | None]:
+            raw = self._source.picture(exposure.camera_pose, self._intrinsics, exposure.t_s)
+            image = self._effects.apply(raw.image_bgr, streak_px=streak, noise_roll_px=roll)
+            moving = moving_in(raw)
+            if moving is None:
+                return image, None
+            return image, Drawing(exposure.camera_pose, moving, self._effects.drawn(streak, roll))
+
+        image, drawing = await self._compute(job)
         return CameraReading(
             t_s=exposure.t_s,
             arrived_s=exposure.due_s,
             seq=exposure.seq,
             source=self._side,
-            image_bgr=await self._compute(job),
+            image_bgr=image,
             intrinsics=self._intrinsics,
             # The twin's pose is known, and serves to measure how well its image is registered.
             camera_pose=exposure.camera_pose if self._side == "twin" else None,
+            drawing=drawing,
         )
 
 
@@ -262,6 +281,7 @@ class OnDemandCamera:
             )
 
         image = await self._compute(job)
+        moving = moving_in(image)
         return CameraReading(
             t_s=t_s,
             arrived_s=asyncio.get_running_loop().time(),
@@ -272,6 +292,7 @@ class OnDemandCamera:
             depth_m=image.depth_m,
             object_ids=image.object_ids,
             camera_pose=camera_pose,
+            drawing=None if moving is None else Drawing(camera_pose, moving),
         )
 
 

@@ -6,12 +6,12 @@ from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.foundation.tasks import stop, together
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Mode, Target, TelemetryRates
+from wil_campaign.vehicles.autopilots.autopilot import Mode, Target, TelemetryRates
 from wil_campaign.vehicles.clocks.timesync import VehicleClock
 from wil_campaign.vehicles.driver.command_backend import (
     CommandBackend,
@@ -84,7 +84,7 @@ class Driver:
         *,
         name: str,
         link: Link,
-        autopilot: AutopilotName | Literal["auto"] = "auto",
+        autopilot: str = "auto",
         system_id: int | None = None,
         start: Pose = Pose((0.0, 0.0, 0.0)),  # noqa: B008 - frozen
         rates: TelemetryRates = TelemetryRates(),  # noqa: B008 - frozen

@@ -8,15 +8,13 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from wil_campaign.foundation.tasks import Contained
-from wil_campaign.vehicles.embedded.autopilot.copter.copter import ArduCopter
-from wil_campaign.vehicles.embedded.autopilot.copter.simulated_wind import simulated_wind
 from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import (
     COMPONENT,
     Aircraft,
     EmulatedAutopilot,
 )
 from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
-from wil_campaign.vehicles.embedded.autopilot.px4.px4 import Px4
+from wil_campaign.vehicles.embedded.emulations import emulations
 from wil_campaign.vehicles.embedded.physics.body import PHYSICS_HZ, Body
 from wil_campaign.vehicles.embedded.physics.config import (
     ContactWorld,
@@ -303,15 +301,10 @@ def build_autopilot(config: EmbeddedConfig, body: Body) -> EmulatedAutopilot:
         dt_s=1.0 / PHYSICS_HZ,
         charge=body.battery.charge,
         overrides=config.parameters,
+        full_streams=config.full_streams,
     )
-    autopilot: EmulatedAutopilot
-    if config.autopilot == "px4":
-        autopilot = Px4(aircraft, full_streams=config.full_streams)
-    else:
-        autopilot = ArduCopter(aircraft)
-        parameters = autopilot.parameters
-        body.blown_by(lambda: simulated_wind(parameters, lambda: -body.truth.position_ned_m[2]))
-    autopilot.state.simulator = lambda: body.truth
+    autopilot = emulations()[config.autopilot](aircraft)
+    autopilot.fly(body)
     autopilot.state.clock_offset_s = config.profile.clock.boot_offset_s
     if config.boot_unix_us is not None:
         autopilot.state.gps_unix_offset_us = config.boot_unix_us - autopilot.state.boot_us

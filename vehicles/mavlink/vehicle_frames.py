@@ -1,8 +1,8 @@
 """Chooses the frames of one vehicle among all that have its ids, by their sequence; pure.
 
 Every sender of MAVLink counts its frames on a link by one byte. Two of them behind one router, with
-one system and component id, give two sequences that interleave; lost, doubled and overtaken frames
-of one sender do not.
+one system and component id, give two sequences that interleave, and each number comes twice, in two
+frames; of one sender each comes once, wherever loss and jitter put it.
 """
 
 import math
@@ -17,14 +17,17 @@ _NEAR = 8
 """A frame that is so many numbers ahead continues a sequence: those in between were lost."""
 _KEPT = 64
 """So many numbers of the past are known: those that came, and those that were skipped."""
-_APART = 32
-"""Sequences that are further apart than this are of no frames that were overtaken."""
+_APART = 48
+"""Sequences that are further apart than this are of no frames that were overtaken: of nearer ones
+the sequence itself shows, when it comes to their numbers, whether they are of it."""
 _LEAST_SILENT_S, _MOST_SILENT_S = 0.1, 0.5
 _SILENT_PERIODS = 4.0
 """After a silence of so many periods, within these limits, any number continues the sequence: an
 outage, a reboot, or a link of the vehicle that counts by itself."""
 _LATELY_S = 0.5
 """After so long another sequence that was not continued is none, and a number may come again."""
+_HALF_ROUND = 128
+"""In so many periods no number is due again, of which there are 256."""
 _SHARE = 0.1
 """Share of a new period in the mean one."""
 _SIGNS = 6
@@ -36,7 +39,9 @@ class SenderSequence:
     """Splits the frames with one sender's ids into its own and those of a second sender.
 
     A frame that continues no sequence is held until the next ones show what it was: the same
-    sequence after a loss, or another beside it. Where two sequences pass through the same numbers,
+    sequence after a loss, or another beside it. One that is a little ahead may have overtaken
+    others: it is the sequence's own if that passes its number over, and another's if the number
+    comes again in another frame. Where two sequences pass through the same numbers,
     which of the two is the sender's may be lost.
     """
 
@@ -49,6 +54,9 @@ class SenderSequence:
         self._came: deque[tuple[float, Frame]] = deque(maxlen=_KEPT)
         self._skipped: deque[int] = deque(maxlen=_KEPT)
         self._held_back: list[Frame] = []
+        self._early: list[Frame] = []
+        """Frames that are ahead of the sequence by no more than frames that overtake others."""
+        self._early_in_a_row = 0
         self._other: int | None = None
         """The last number of another sequence."""
         self._other_went_on = False
@@ -70,6 +78,7 @@ class SenderSequence:
             self._last is None
             or frame.seq != (self._last + 1) & 0xFF
             or self._held_back
+            or self._early
             or self._other is not None
             or t_s - self._last_s > self._silent_s
         ):
@@ -83,26 +92,78 @@ class SenderSequence:
 
         t_s: its time of arrival. Both are in the order in which they came.
         """
-        if self._other_came and t_s - self._other_came[-1][0] > _LATELY_S and not self.are_two:
+        lately_s = min(_LATELY_S, _HALF_ROUND * self._period_s)
+        if self._other_came and t_s - self._other_came[-1][0] > lately_s and not self.are_two:
             self._other = None
         if self._last is None or t_s - self._last_s > self._silent_s:
             if self.are_two and self._other is not None and _ahead(self._other, frame.seq) <= _NEAR:
                 return self._continue_other(frame, t_s)
-            own, self._held_back = [*self._held_back, frame], []
-            self._accept(frame, t_s)
-            return own, []
+            return self._go_on_after_silence(frame, t_s)
         is_other = self._is_other(frame.seq)
-        if not is_other and _ahead(self._last, frame.seq) <= _NEAR:
-            others, self._held_back = self._held_back, []
-            self._note_alternation(frame, others, t_s)
-            self._accept(frame, t_s)
-            return [frame], others
+        ahead = _ahead(self._last, frame.seq)
+        if not is_other and ahead <= _NEAR:
+            return self._go_on(frame, ahead, t_s)
         if self._is_late(frame, t_s):
             return [frame], []
-        if is_other:
-            return self._continue_other(frame, t_s)
-        self._held_back.append(frame)
+        return self._continue_other(frame, t_s) if is_other else self._hold(frame, ahead, t_s)
+
+    def _go_on(self, frame: Frame, ahead: int, t_s: float) -> tuple[list[Frame], list[Frame]]:
+        """Take a frame of the sequence, and those that are known by it."""
+        overtaking, others = self._take_overtaking(frame, ahead)
+        for one in overtaking:
+            self._accept(one, t_s)
+        self._note_alternation(frame, others, t_s)
+        self._accept(frame, t_s)
+        return [*overtaking, frame], others
+
+    def _hold(self, frame: Frame, ahead: int, t_s: float) -> tuple[list[Frame], list[Frame]]:
+        """Hold a frame until the next ones show whose it is."""
+        if ahead > _APART or self.are_two:
+            self._held_back.append(frame)
+            return [], []
+        self._early_in_a_row += 1
+        if self._has_passed_over(t_s):
+            return self._go_on_after_silence(frame, t_s)
+        self._early.append(frame)
         return [], []
+
+    def _has_passed_over(self, t_s: float) -> bool:
+        """Return whether so many early frames came, and none before them, that these were lost."""
+        return (
+            self._early_in_a_row >= _NEAR
+            and t_s - self._last_s > _SILENT_PERIODS * self._period_s
+            and not self._held_back
+            and self._signs == 0
+        )
+
+    def _go_on_after_silence(self, frame: Frame, t_s: float) -> tuple[list[Frame], list[Frame]]:
+        """Take a frame after a silence of the sequence, and all that is held, as its own."""
+        others = self._early if self.are_two else []
+        own = [frame] if self.are_two else [*self._early, frame]
+        if self._last is not None and _ahead(self._last, frame.seq) <= _APART:
+            last = self._last
+            own.sort(key=lambda one: _ahead(last, one.seq))
+            for one in own[:-1]:
+                self._accept(one, t_s)
+        self._accept(own[-1], t_s)
+        own[:0], self._early, self._held_back = self._held_back, [], []
+        return own, others
+
+    def _take_overtaking(self, frame: Frame, ahead: int) -> tuple[list[Frame], list[Frame]]:
+        """Return frames before one of the sequence: its own that overtook it, and another's."""
+        last = self._last or 0
+        others, self._held_back = self._held_back, []
+        early, self._early = self._early, []
+        own: list[Frame] = []
+        for one in early:
+            by = _ahead(last, one.seq)
+            if by > ahead and not self.are_two:
+                self._early.append(one)
+            elif self._signs == 0 and (by < ahead or one.raw == frame.raw):
+                own.append(one)
+            else:
+                others.append(one)
+        return sorted(own, key=lambda one: _ahead(last, one.seq)), others
 
     def _is_other(self, seq: int) -> bool:
         """Return whether a number continues the other sequence, and the first one less closely."""
@@ -135,7 +196,7 @@ class SenderSequence:
             return
         apart = _ahead(frame.seq, self._other)
         is_apart = _APART < apart < 256 - _APART
-        if (went_on and is_apart) or _comes_again(frame, self._other_came, t_s):
+        if (went_on and is_apart) or self._comes_again(frame, self._other_came, t_s):
             self._signs += 1
         elif others:
             self._signs = 0
@@ -144,8 +205,16 @@ class SenderSequence:
         """Note a frame of the other sequence."""
         self._other = frame.seq
         self._other_came.append((t_s, frame))
-        if _comes_again(frame, self._came, t_s):
+        if self._comes_again(frame, self._came, t_s):
             self._signs += 1
+
+    def _comes_again(self, frame: Frame, came: deque[tuple[float, Frame]], t_s: float) -> bool:
+        """Return whether a frame's number came before it is due, in a frame with other bytes."""
+        within_s = min(2.0 * _LATELY_S, _HALF_ROUND * self._period_s)
+        return any(
+            one.seq == frame.seq and one.raw != frame.raw and t_s - at_s <= within_s
+            for at_s, one in came
+        )
 
     def _accept(self, frame: Frame, t_s: float) -> None:
         if self._last is not None:
@@ -153,26 +222,18 @@ class SenderSequence:
             silent_s = _SILENT_PERIODS * self._period_s
             self._silent_s = min(max(_LEAST_SILENT_S, silent_s), _MOST_SILENT_S)
             ahead = _ahead(self._last, frame.seq)
-            if 1 < ahead <= _NEAR:
+            if 1 < ahead <= _APART:
                 self._skipped.extend((self._last + one) & 0xFF for one in range(1, ahead))
-            elif ahead > _NEAR:
+            elif _APART < ahead < 256:
                 self._skipped.clear()
                 self._came.clear()
-        self._last, self._last_s = frame.seq, t_s
+        self._last, self._last_s, self._early_in_a_row = frame.seq, t_s, 0
         self._came.append((t_s, frame))
 
 
 def _ahead(last: int, seq: int) -> int:
     """Return by how much a number is ahead of another one: 1 for the next, 256 for the same."""
     return ((seq - last - 1) & 0xFF) + 1
-
-
-def _comes_again(frame: Frame, came: deque[tuple[float, Frame]], t_s: float) -> bool:
-    """Return whether a frame's number has come lately, in a frame with other bytes."""
-    return any(
-        one.seq == frame.seq and one.raw != frame.raw and t_s - at_s <= 2.0 * _LATELY_S
-        for at_s, one in came
-    )
 
 
 _STATE = frozenset(

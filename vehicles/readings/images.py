@@ -18,6 +18,35 @@ Mask = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
+class DrawnEffects:
+    """What a rendered camera did to a drawn image.
+
+    seed: of the generator of its noise. noise_std_dn, gain, offset_dn: as of CameraQuality.
+    streak_px: motion blur, right and down. noise_roll_px: offset in the noise, down and right.
+    """
+
+    seed: tuple[int, ...]
+    noise_std_dn: float
+    gain: float
+    offset_dn: float
+    streak_px: tuple[float, float]
+    noise_roll_px: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """What an image was drawn of, beside its scene and its lens; drawn again it is the same image.
+
+    camera_pose: FRD axes, NED world. moving: the poses of the scene's moving bodies, in its order.
+    effects: of the camera; None for an ideal one.
+    """
+
+    camera_pose: Pose
+    moving: tuple[Pose, ...] = ()
+    effects: DrawnEffects | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class CameraReading:
     """The reading of a camera: an image.
 
@@ -27,6 +56,7 @@ class CameraReading:
     optical axis, inf where nothing is; None when unknown. object_ids: (height, width) uint8,
     0 is background; None when unknown. camera_pose: the pose (FRD axes, NED world) from which
     it was asked to be rendered; None for a live camera. rendered: no live camera took it.
+    drawing: what this program drew it of; None for an image from elsewhere, and for an autonomy.
     """
 
     t_s: float
@@ -40,6 +70,7 @@ class CameraReading:
     camera_pose: Pose | None = None
     rendered: bool = True
     sensor: str = ""
+    drawing: Drawing | None = None
 
 
 @dataclass(frozen=True, slots=True)

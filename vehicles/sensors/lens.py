@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.vehicles.cameras.rendered_cameras import ImageSource, RenderedImage
+from wil_campaign.vehicles.cameras.rendered_cameras import ImageSource, RenderedImage, moving_in
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, DepthImage, IdImage
 from wil_campaign.vehicles.sensors.sensor_spec import SensorSpec
 from wil_campaign.worlds.camera import Intrinsics
@@ -39,11 +39,12 @@ class LensMap:
 
 @dataclass(frozen=True, slots=True)
 class LensImage:
-    """An image as the lens gives it."""
+    """An image as the lens gives it. moving: as of the image that it comes from."""
 
     image_bgr: BgrImage
     depth_m: DepthImage | None
     object_ids: IdImage | None
+    moving: tuple[Pose, ...] | None = None
 
 
 class ThroughLens:
@@ -79,6 +80,7 @@ class ThroughLens:
             cv2.remap(pinhole.image_bgr, lens.u_px, lens.v_px, cv2.INTER_LINEAR),
             _nearest(pinhole.depth_m, lens),
             _nearest(pinhole.object_ids, lens),
+            moving_in(pinhole),
         )
 
 

@@ -44,6 +44,14 @@ class ArrivalClock:
         self._add_delay(delay_s, arrived_s)
         return sender_s + self._least_s - self._latency_s
 
+    def is_overtaken(self, sender_s: float) -> bool:
+        """Return whether a stamp is that of a message which newer ones overtook on the way.
+
+        A message whose number does not advance, and that was not overtaken, is of a sender that
+        restarted: its stamp is the newest one, or older than any message that is overtaken.
+        """
+        return self._newest_sender_s - _JUMP_S <= sender_s <= self._newest_sender_s
+
     @property
     def _least_s(self) -> float:
         return min(self._current_s, self._previous_s)

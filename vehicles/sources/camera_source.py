@@ -33,12 +33,14 @@ class SourceCounts:
     delivered: handed on. dropped: arrived, and replaced by a newer one before they were read.
     missed: never arrived, by the gaps in the stamps (only counted when the rate is known).
     damaged: arrived with lost or broken data, or without their time, and not handed on.
+    restarts: how often the sender's clock or its numbers began anew.
     """
 
     delivered: int = 0
     dropped: int = 0
     missed: int = 0
     damaged: int = 0
+    restarts: int = 0
 
 
 class ReadingSource(Protocol[R_co]):

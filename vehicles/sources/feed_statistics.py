@@ -16,7 +16,8 @@ class FeedStatistics:
     samples: poses handed on. rate_hz, latency_ms_p50, latency_ms_p99 (sampling to arrival): over
     the last samples; None before there are two. missing: frames whose numbers never arrived.
     invalid: the body was not seen. out_of_order: arrived after a newer one, not handed on.
-    dropouts: gaps of more than three periods. longest_gap_s: between two poses.
+    dropouts: gaps of more than three periods. longest_gap_s: between two poses. restarts: how often
+    the sender's clock or its numbers began anew.
     """
 
     samples: int
@@ -28,6 +29,7 @@ class FeedStatistics:
     out_of_order: int
     dropouts: int
     longest_gap_s: float
+    restarts: int = 0
 
 
 class FeedMeter:
@@ -42,6 +44,7 @@ class FeedMeter:
         self.missing = 0
         self.invalid = 0
         self.out_of_order = 0
+        self.restarts = 0
 
     def add(self, *, t_s: float, arrived_s: float) -> None:
         """Add a delivered pose to the feed's statistics: when sampled, and when arrived."""
@@ -68,6 +71,7 @@ class FeedMeter:
             out_of_order=self.out_of_order,
             dropouts=self._dropouts,
             longest_gap_s=self._longest_gap_s,
+            restarts=self.restarts,
         )
 
     def _rate_hz(self) -> float | None:

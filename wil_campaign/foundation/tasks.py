@@ -42,13 +42,16 @@ async def stop(*tasks: asyncio.Task[Any]) -> None:
 async def finish(coroutine: Coroutine[Any, Any, T], *, name: str) -> T:
     """Run a coroutine to its end in its own task, whatever happens to the caller meanwhile.
 
-    A cancellation of the caller, however often, is raised when the task has ended.
+    A cancellation of the caller, however often, is raised when the task has ended. A loop that is
+    gone ends no task: then nothing is waited for.
     """
     task = start(coroutine, name=name)
     interruptions: list[BaseException] = []
     while not task.done():
         try:
             await asyncio.wait([task])
+        except GeneratorExit:
+            raise
         except BaseException as error:  # noqa: BLE001 - it is raised below
             interruptions.append(error)
     if interruptions:

@@ -171,12 +171,14 @@ class RenderOutput:
 
     image_bgr: (height, width, 3) uint8. depth_m: (height, width) float32 metres along the
     optical axis, inf where nothing is. object_ids: (height, width) uint8, 0 where nothing is.
-    depth_m and object_ids are None when they were not wanted.
+    depth_m and object_ids are None when they were not wanted. moving: the poses of the moving
+    bodies that were drawn, in the order of the scene.
     """
 
     image_bgr: NDArray[np.uint8]
     depth_m: NDArray[np.float32] | None
     object_ids: NDArray[np.uint8] | None
+    moving: tuple[Pose, ...] = ()
 
 
 class Renderer:
@@ -206,15 +208,19 @@ class Renderer:
         want_depth: bool = True,
         want_ids: bool = True,
         only: frozenset[str] | None = None,
+        moving: tuple[Pose, ...] | None = None,
     ) -> RenderOutput:
         """Return the rendered image of a camera at a time.
 
         camera_pose: in the world (NED), FRD axes, x looks out. intrinsics: distortion is
         ignored. events: when each happened, for objects that move. only: names of the objects
-        to draw; all others are absent, and hide nothing.
+        to draw; all others are absent, and hide nothing. moving: the poses of the moving bodies,
+        as of an earlier image, instead of those at the time.
         """
         width, height = intrinsics.width_px, intrinsics.height_px
-        view = self._view(camera_pose, intrinsics, t_s, events, only)
+        if moving is None:
+            moving = tuple(body.pose_at(t_s, events) for _, body in self._moving)
+        view = self._view(camera_pose, intrinsics, moving, only)
         while (scratch := self._draw(view, self._scratch(width, height))) is None:
             self._local.triangles *= 2
         image = np.empty((height, width, 3), np.uint8)
@@ -226,7 +232,7 @@ class Renderer:
         if ids is not None:
             owner, face = scratch.buffer.triangle, scratch.triangles.face
             write_ids(owner, face, self._geometry.face_id, ids.reshape(-1))
-        return RenderOutput(image, depth, ids)
+        return RenderOutput(image, depth, ids, moving)
 
     def _draw(self, view: View, scratch: Scratch) -> Scratch | None:
         """Return the scratch with a frame rendered in it; None when it has too little room."""
@@ -250,11 +256,10 @@ class Renderer:
         self,
         camera_pose: Pose,
         intrinsics: Intrinsics,
-        t_s: float,
-        events: Mapping[str, float],
+        moving: tuple[Pose, ...],
         only: frozenset[str] | None,
     ) -> View:
-        rotations_ned, positions_ned_m = self._places(t_s, events)
+        rotations_ned, positions_ned_m = self._places(moving)
         view = View(
             **self._view_arrays(),
             fx=float(intrinsics.fx_px),
@@ -289,13 +294,15 @@ class Renderer:
         arrays: dict[str, Any] = local.view
         return arrays
 
-    def _places(self, t_s: float, events: Mapping[str, float]) -> tuple[F64, F64]:
-        """Return every rendered body's rotation (n, 3, 3) to NED and position (n, 3)."""
-        if not self._moving:
+    def _places(self, moving: tuple[Pose, ...]) -> tuple[F64, F64]:
+        """Return every rendered body's rotation (n, 3, 3) to NED and position (n, 3).
+
+        Raises ValueError for another number of moving bodies.
+        """
+        if not self._moving and not moving:
             return self._rotations, self._positions_m
         rotations, positions_m = self._rotations.copy(), self._positions_m.copy()
-        for k, body in self._moving:
-            pose = body.pose_at(t_s, events)
+        for (k, _), pose in zip(self._moving, moving, strict=True):
             rotations[k] = matrix_from_quat(pose.q_wxyz)
             positions_m[k] = pose.position_ned_m
         return rotations, positions_m

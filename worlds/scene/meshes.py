@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,15 @@ class Mesh:
     def radius_m(self) -> float:
         """Return the radius of the sphere about the origin that holds every vertex of the mesh."""
         return float(np.sqrt((self.vertices_m**2).sum(axis=1).max()))
+
+    def crc32(self, before: int = 0) -> int:
+        """Return the CRC-32 of all that is drawn of the mesh, going on from that of others."""
+        materials = [part for one in self.materials for part in (np.array(one.rgb), one.texture)]
+        arrays = (self.vertices_m, self.normals, self.uv, self.faces, self.face_material)
+        for array in (*arrays, *materials):
+            if array is not None:
+                before = crc32(np.ascontiguousarray(array).data, before)
+        return before
 
     def moved(self, pose: Pose) -> "Mesh":
         """Return this mesh in the frame in which `pose` is given."""

@@ -18,7 +18,7 @@ from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.foundation.files.documents import Data, Document
 from wil_campaign.foundation.processes.linux import usable_cores
 from wil_campaign.hooks import autonomy_kinds
-from wil_campaign.installed_plugins import added
+from wil_campaign.installed_plugins import added, of_others
 from wil_campaign.orchestrator.campaign.folder.imported_files import imported_by
 from wil_campaign.orchestrator.campaign.folder.named_files import document_place, named_files
 from wil_campaign.orchestrator.installation import flown_program
@@ -58,6 +58,7 @@ def manifest(campaign: Campaign, clock: Clock, *, arm: bool = True) -> dict[str,
         "started_utc": utc_text(time.time()),
         "host": {"name": platform.node(), "machine": platform.machine(), "cores": usable_cores()},
         "versions": {"python": platform.python_version(), **_versions(imported.packages)},
+        "plugins": of_others(),
         "files": _digests(files | imported.files, campaign),
         "runs": _runs(campaign),
         "requirements": [asdict(requirement) for requirement in campaign.requirements],
@@ -81,6 +82,7 @@ def judging_manifest(campaign: Campaign, flown: Mapping[str, Any]) -> dict[str, 
     return {
         "options": {"set": list(campaign.options.sets)},
         "versions": _versions(frozenset()),
+        "plugins": of_others(),
         "files": _digests(files, campaign),
         "runs": _as_flown(campaign, flown),
         "document": campaign.document.data,

@@ -57,7 +57,24 @@ def changes_since_flight(
     was, present = (one.get("versions", {}).get("wil-campaign") for one in (before, now))
     if was != present:
         changes.append(f"wil-campaign was {was}, now it is {present}")
+    changes += changed_plugins(before, now)
     return changes or _changed_runs(before, now)
+
+
+def changed_plugins(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Return in words the plugins of others that differ between two manifests.
+
+    Of a manifest of an earlier version, which names none, nothing is known.
+    """
+    was, present = before.get("plugins"), now.get("plugins")
+    if not isinstance(was, dict) or not isinstance(present, dict):
+        return []
+    return [
+        f"the plugin {name} was {was.get(name, 'not there')}, now it is "
+        f"{present.get(name, 'not there')}"
+        for name in sorted({*was, *present})
+        if was.get(name) != present.get(name)
+    ]
 
 
 def changed_options(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

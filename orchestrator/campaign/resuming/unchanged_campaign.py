@@ -8,7 +8,7 @@ from typing import Any
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.foundation.files.limited_json import read_json
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import newest_folder
-from wil_campaign.orchestrator.campaign.folder.manifest_changes import changed_keys
+from wil_campaign.orchestrator.campaign.folder.manifest_changes import changed_keys, changed_plugins
 
 
 class ResumeError(Exception):
@@ -66,6 +66,7 @@ def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[
     yield from (f"{name} {what}" for name, _, _, what in files)
     for name, was, present, _ in _changes(before["versions"], now["versions"]):
         yield f"{name} was {was}, now it is {present}"
+    yield from changed_plugins(before, now)
     if before["document"] != now["document"] and not files:
         for key, was, present in changed_keys(before["document"], now["document"]):
             yield f"{key} was {was}, now it is {present} (an option, or --set {key}=...)"

@@ -25,9 +25,12 @@ from wil_campaign.safety.oracles.oracle_docs import (
     describe_oracles,
 )
 from wil_campaign.safety.oracles.registry import oracle_kinds
+from wil_campaign.vehicles.autopilots.registry import strategies
 from wil_campaign.vehicles.readings import sensor_names
 
-What = Literal["campaigns", "operators", "autonomies", "oracles", "signals", "sensors", "plugins"]
+What = Literal[
+    "campaigns", "operators", "autonomies", "oracles", "signals", "sensors", "autopilots", "plugins"
+]
 Row = dict[str, Any]
 
 _WIDTH = 100
@@ -44,8 +47,8 @@ def list_available(
         campaigns: those in ./campaigns and those of the program; operators: steps of
         recipes; autonomies: what `autonomy.use` may name; oracles: what `oracles` may name;
         signals: what formulas of oracles (stl) may name; sensors: their types, and the keys of
-        each; plugins: what extends the program, of
-        which distribution, and what each adds.
+        each; autopilots: what vehicles may have, from which version on; plugins: what extends
+        the program, of which distribution, and what each adds.
     json_
         Print one JSON document.
     """
@@ -105,6 +108,13 @@ def _sensors() -> list[Row]:
             "summary": summary_of(part),
         }
         for name, part in zip(sensor_names(), sensor_parts(), strict=True)
+    ]
+
+
+def _autopilots() -> list[Row]:
+    return [
+        {"name": each.name, "firmware": each.label, "from": ".".join(map(str, each.oldest_version))}
+        for each in strategies().values()
     ]
 
 
@@ -184,5 +194,6 @@ _LISTS: dict[What, Callable[[], list[Row]]] = {
     "oracles": _oracle_rows,
     "signals": _signals,
     "sensors": _sensors,
+    "autopilots": _autopilots,
     "plugins": _plugins,
 }

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from typing import Any
+from zlib import crc32
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from wil_campaign.orchestrator.recording.mcap.mcap_settings import ImageSettings
 from wil_campaign.vehicles.readings import (
     CameraReading,
     DepthReading,
+    Drawing,
     GpsReading,
     ImuReading,
     LidarPointsReading,
@@ -75,12 +77,33 @@ def camera_body(reading: CameraReading, images: ImageSettings, parts: list[str])
         return raw_image(image, facts)
     if images.format == "png":
         # level 1: higher ones take three times as long for a few percent
-        coded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1]
+        coded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
     else:
-        coded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, images.quality])[1]
+        coded = jpeg_of(image, images.quality)
     facts["exact"] = images.format == "png"
     fields = {"format": images.format, "wil": facts}
-    return "foxglove.CompressedImage", fields, coded.tobytes()
+    return "foxglove.CompressedImage", fields, coded
+
+
+def jpeg_of(image_bgr: NDArray[Any], quality: int) -> bytes:
+    """Return an image as JPEG. quality: 1 to 100."""
+    return cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
+
+
+def drawing_body(reading: CameraReading, drawing: Drawing) -> Body:
+    """Return the MCAP message body of an image that is drawn again from it: it has no pixels.
+
+    Its digests are those of the pixels, of distances and of ids, row by row.
+    """
+    arrays = {"image": reading.image_bgr, "depth": reading.depth_m, "ids": reading.object_ids}
+    digests = {name: digest_of(array) for name, array in arrays.items() if array is not None}
+    drawn = {**plain(drawing), "crc32": digests}
+    return "wil.Drawing", {"wil": {**_image_facts(reading, []), "drawing": drawn}}, None
+
+
+def digest_of(array: NDArray[Any]) -> int:
+    """Return the CRC-32 of an image's bytes; 0.3 ms for 640x480."""
+    return crc32(np.ascontiguousarray(array).data)
 
 
 def depth_body(reading: DepthReading, parts: list[str]) -> Body:

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from mcap.records import Channel
 from numpy.typing import NDArray
 
 from wil_campaign.foundation.files.images import decode_image
@@ -18,6 +19,8 @@ from wil_campaign.orchestrator.recording.mcap.mcap_json import (
 from wil_campaign.vehicles.readings import (
     CameraReading,
     DepthReading,
+    Drawing,
+    DrawnEffects,
     GpsReading,
     ImuReading,
     LidarPointsReading,
@@ -34,7 +37,17 @@ from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 
 Parts = Mapping[str, NDArray[Any]]
-"""Arrays that were recorded with an image: "depth", "ids"."""
+"""Arrays of an image: "depth", "ids" and, of one that was drawn again, "image"."""
+
+
+def is_reading(channel: Channel) -> bool:
+    """Return whether a channel's messages are readings, or images that are drawn again."""
+    return channel.metadata.get("part") in {"reading", "drawing"}
+
+
+def reading_topic(channel: Channel) -> str:
+    """Return the topic of a channel's readings, which that of drawings has below it."""
+    return f"/{channel.metadata['source']}/{channel.metadata['sensor']}"
 
 
 def decode(document: Json, parts: Parts) -> Reading:
@@ -67,6 +80,32 @@ def camera_of(document: Json) -> tuple[Intrinsics, Pose | None]:
     return _intrinsics(wil["intrinsics"]), _camera_pose(wil["camera_pose"])
 
 
+def drawing_of(value: Json) -> Drawing:
+    """Return what an image was drawn of. Raises KeyError, ValueError or TypeError."""
+    poses = (_camera_pose(one) for one in value["moving"])
+    camera_pose, done = _camera_pose(value["camera_pose"]), value["effects"]
+    if camera_pose is None:
+        raise ValueError("a drawing without the pose of its camera")
+    return Drawing(
+        camera_pose,
+        tuple(pose for pose in poses if pose is not None),
+        None if done is None else _effects(done),
+    )
+
+
+def _effects(value: Json) -> DrawnEffects:
+    right, below = (number(one) for one in value["streak_px"])
+    down, across = (int(one) for one in value["noise_roll_px"])
+    return DrawnEffects(
+        seed=tuple(int(one) for one in value["seed"]),
+        noise_std_dn=number(value["noise_std_dn"]),
+        gain=number(value["gain"]),
+        offset_dn=number(value["offset_dn"]),
+        streak_px=(right, below),
+        noise_roll_px=(down, across),
+    )
+
+
 def _times(wil: Json) -> tuple[float, float, int, Source]:
     """Return decoded times, sequence number and source of a reading."""
     return number(wil["t_s"]), number(wil["arrived_s"]), wil["seq"], wil["source"]
@@ -96,12 +135,13 @@ def _camera(document: Json, parts: Parts) -> CameraReading:
     wil = document["wil"]
     return CameraReading(
         *_times(wil),
-        image_bgr=image_of(document),
+        image_bgr=parts["image"] if "image" in parts else image_of(document),
         intrinsics=_intrinsics(wil["intrinsics"]),
         depth_m=parts.get("depth"),
         object_ids=parts.get("ids"),
         camera_pose=_camera_pose(wil["camera_pose"]),
         rendered=wil["rendered"],
+        drawing=drawing_of(wil["drawing"]) if "drawing" in wil else None,
     )
 
 

@@ -11,6 +11,7 @@ from wil_campaign.orchestrator.recording.mcap.mcap_bodies import (
     calibration_body,
     camera_body,
     depth_body,
+    drawing_body,
     raw_image,
 )
 from wil_campaign.orchestrator.recording.mcap.mcap_json import Json, encode, pose_out
@@ -40,8 +41,8 @@ _LAST_NS = 2**63 - 1
 class Channel:
     """An MCAP channel: one topic.
 
-    part: "reading", or what accompanies it: "depth", "ids", "calibration", "provenance",
-    "transform", "event".
+    part: "reading", or "drawing" of one that is drawn again; or what accompanies it: "depth",
+    "ids", "calibration", "provenance", "transform", "event".
     """
 
     topic: str
@@ -130,6 +131,10 @@ class Encoder:
         images = self._image_settings[reading.source]
         if images.format == "none":
             return []
+        if reading.drawing is not None and not images.keeps_drawn:
+            body = drawing_body(reading, reading.drawing)
+            drawing = self._message(sensor, reading, body, "drawing")
+            return [*self._calibration(sensor, reading), drawing]
         parts = self._ids(sensor, reading, wanted=images.object_ids)
         if images.depth and reading.depth_m is not None:
             parts.append(self._message(sensor, reading, raw_image(reading.depth_m, {}), "depth"))

@@ -127,6 +127,7 @@ _ALL: tuple[Schema, ...] = (
         file=_STRING,
         line=_INTEGER,
     ),
+    _with_stamp("wil.Drawing"),
     _with_stamp("wil.Imu", linear_acceleration=_VECTOR3, angular_velocity=_VECTOR3),
 )
 

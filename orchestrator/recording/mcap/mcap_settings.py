@@ -13,12 +13,15 @@ class ImageSettings:
     format: raw and png read back to the bit; png is smaller and some ten times slower than raw.
     quality: of JPEG, 1 to 100. depth, object_ids: whether those of a camera reading are recorded
     too, always exactly. `none` records no images of that source, and nothing with them.
+    keeps_drawn: whether images that this program drew are recorded, too; else what they were drawn
+    of is, with a digest, and a reader of the recording draws them again.
     """
 
     format: ImageFormat = "jpeg"
     quality: int = 85
     depth: bool = False
     object_ids: bool = False
+    keeps_drawn: bool = True
 
     def __post_init__(self) -> None:
         if not 1 <= self.quality <= 100:
@@ -57,5 +60,12 @@ def recording_settings(record: RecordPart) -> RecordingSettings:
 
     A reading has depth and ids only where the recipe needs them, and then a replay needs them too.
     """
-    images = ImageSettings(record.pictures, record.quality, depth=True, object_ids=True)
+    pictures = "jpeg" if record.pictures == "needed" else record.pictures
+    images = ImageSettings(
+        pictures,
+        record.quality,
+        depth=True,
+        object_ids=True,
+        keeps_drawn=record.pictures != "needed",
+    )
     return RecordingSettings(real=images, twin=images, mixed=images)

@@ -149,7 +149,7 @@ def notes_of(result: RunResult, *, at_s: float | None, goal_s: float | None) -> 
         if not oracle.required and oracle.verdict != "PASS"
     ]
     if reported:
-        found.append(f"Reported oracles that did not pass: {'; '.join(reported)}")
+        found.append(f"Reported only, without a say in the verdict: {'; '.join(reported)}")
     return tuple(found)
 
 

@@ -16,6 +16,7 @@ _STILL_M = 0.3
 _LONG_S = 5.0
 """A shorter stop is not worth a headline."""
 _TARGETS = frozenset({"reached", "reached_position"})
+_TOUCHED = "touched "
 _BY_FENCE = "guard.fence/"
 _WORDS = {"real": "The real vehicle", "twin": "The twin"}
 
@@ -60,12 +61,14 @@ def _landed_by_guard(result: RunResult, when: str) -> str:
 
 
 def _near(oracle: OracleResult, actual_m: float, crossed: str) -> str:
-    """Return how near a vehicle came at worst, and when it crossed the limit."""
+    """Return how near a vehicle came at worst or that it touched, and when it crossed the limit."""
     limit_m = oracle.limit if isinstance(oracle.limit, int | float) else actual_m
-    near_m = distinct_text(actual_m, limit_m, digits=3)
     when = f", crossed{crossed}" if crossed else ""
-    place = oracle.detail.removeprefix("closest to ").removeprefix("touched ")
-    return f"came within {near_m} m of {place} (limit {limit_m:g} m{when})"
+    limit = f"(limit {limit_m:g} m{when})"
+    if oracle.detail.startswith(_TOUCHED):
+        return f"{oracle.detail} {limit}"
+    near_m = distinct_text(actual_m, limit_m, digits=3)
+    return f"came within {near_m} m of {oracle.detail.removeprefix('closest to ')} {limit}"
 
 
 def _when(at_s: float | None, stages: Mapping[str, float]) -> str:

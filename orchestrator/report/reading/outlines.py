@@ -1,4 +1,8 @@
-"""Outlines of a world's objects from above and from the side; pure."""
+"""Outlines of a world's objects from above and from the side; pure.
+
+An opening that is seen edge-on is drawn as floor plans draw a window: as a gap in its wall, so that
+a path goes through it and not through a lintel or a jamb.
+"""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -9,7 +13,7 @@ from numpy.typing import NDArray
 
 from wil_campaign.orchestrator.report.model import Outline, Point, side_depth_m
 from wil_campaign.worlds.frames import Pose, Quat, matrix_from_quat
-from wil_campaign.worlds.scene.parts import BoxShape, Part, SphereShape
+from wil_campaign.worlds.scene.parts import BoxShape, Opening, Part, SphereShape
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 from wil_campaign.worlds.scene.shapes import Shape
 
@@ -17,6 +21,11 @@ _MOST_FACES = 4000
 """A surface with more faces is drawn as its hull."""
 _FINE_M = 0.02
 _ROUTE_STEPS = 60
+_THICK_M = 0.5
+"""An opening is cut out of what is this near to its plane, not out of what stands behind it."""
+_RING_CORNERS = 32
+_EDGE_ON = 0.1
+"""Largest cosine between an opening's axis and the view's for an opening that is seen edge-on."""
 _PLAIN_RGB = (128, 128, 128)
 
 Points = NDArray[np.float64]
@@ -84,7 +93,8 @@ def _depth_m(obj: SceneObject, pose: Pose, side_axis: str) -> Point:
 def _flat_outlines(obj: SceneObject, pose: Pose, view: _View) -> tuple[tuple[Point, ...], ...]:
     """Return the areas of an object's parts as polygons.
 
-    Each part is its own polygon, without a union: an opening between bars stays open.
+    Each part is its own polygon, without a union: an opening between bars stays open. A hole is
+    joined to its outline by the shortest line.
     """
     ((right_m, up_m),) = _flat(np.array([pose.position_ned_m]), view).tolist()
     found = _turned_outlines(obj.shape, obj.is_room, pose.q_wxyz, view)
@@ -105,6 +115,7 @@ def _turned_outlines(
         # A room is seen from inside: draw one line around it instead of its walls.
         clouds = [(shape.mesh.vertices_m, None)]
     turned = Pose((0.0, 0.0, 0.0), q_wxyz)
+    cut = shapely.union_all([_cut(opening, turned, view) for opening in shape.openings])
     found: list[tuple[Point, ...]] = []
     for corners, faces in clouds:
         points = _flat(_moved(turned, corners), view)
@@ -112,9 +123,43 @@ def _turned_outlines(
         if faces is not None:
             triangles = shapely.polygons(points[faces])
             flat = shapely.union_all(triangles[shapely.area(triangles) > 0.0])
-        flat = shapely.simplify(flat, _FINE_M / 4)
-        found += [_as_points(shapely.get_coordinates(one)) for one in shapely.get_parts(flat)]
+        flat = shapely.simplify(shapely.difference(flat, cut), _FINE_M / 4)
+        found += [ring_of(one) for one in shapely.get_parts(flat)]
     return tuple(points for points in found if len(points) >= 2)
+
+
+def _cut(opening: Opening, turned: Pose, view: _View) -> shapely.Geometry:
+    """Return the area of an opening seen edge-on, as deep as a wall; else an empty one."""
+    pose = turned.compose(opening.pose)
+    axes, _ = view
+    (into,) = {0, 1, 2} - set(axes)
+    if abs(matrix_from_quat(pose.q_wxyz)[into, 0]) > _EDGE_ON:
+        return shapely.Polygon()
+    corners = opening.corners_m
+    if opening.form == "square":
+        half_m = opening.limit_m
+        corners = ((half_m, half_m), (-half_m, half_m), (-half_m, -half_m), (half_m, -half_m))
+    elif opening.form == "ring":
+        turns = np.linspace(0.0, 2.0 * np.pi, _RING_CORNERS, endpoint=False)
+        ring = np.stack([np.cos(turns), np.sin(turns)], axis=1) * opening.limit_m
+        corners = tuple((right, down) for right, down in ring.tolist())
+    ends = [(ahead, *corner) for corner in corners for ahead in (-_THICK_M, _THICK_M)]
+    points = _flat(_moved(pose, np.array(ends)), view)
+    return shapely.multipoints(points).convex_hull
+
+
+def ring_of(flat: shapely.Geometry) -> tuple[Point, ...]:
+    """Return an outline as one ring; its holes are joined to it, there and back."""
+    if not isinstance(flat, shapely.Polygon) or not flat.interiors:
+        return _as_points(shapely.get_coordinates(flat))
+    ring = shapely.get_coordinates(flat.exterior)
+    for interior in flat.interiors:
+        hole = shapely.get_coordinates(interior)[:-1]
+        away = np.linalg.norm(ring[:, None] - hole[None], axis=2)
+        at, nearest = np.unravel_index(int(away.argmin()), away.shape)
+        hole = np.roll(hole, -int(nearest), axis=0)
+        ring = np.concatenate([ring[: at + 1], hole, hole[:1], ring[at:]])
+    return _as_points(ring)
 
 
 def _flat(points: Points, view: _View) -> Points:

@@ -12,7 +12,11 @@ import cv2
 import numpy as np
 from mcap.records import Message
 
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import camera_of, image_of
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import camera_of
+from wil_campaign.orchestrator.recording.recorded_images import (
+    NotDrawnAgainError,
+    RecordedImages,
+)
 from wil_campaign.orchestrator.report.model import CameraView, Frame, Scan, Sight
 from wil_campaign.orchestrator.report.reading.recorded_sights import RecordedSight, RecordedSights
 from wil_campaign.orchestrator.report.words import number_text
@@ -45,12 +49,13 @@ class ImageSize:
 def decode_sights(found: RecordedSights, size: ImageSize, *, at_s: float | None) -> list[Sight]:
     """Return the perceived readings of one sensor: a camera, else a lidar.
 
-    at_s: the moment; its sight is larger, and includes the readings it was mixed from.
+    at_s: the moment; its sight is larger, and includes the readings it was mixed from. An image
+    that cannot be drawn again becomes a problem of `found`.
     """
-    decoded = (
-        _decode_sensor(sensor, sights, size, found.epoch_ns, at_s)
-        for sensor, sights in found.sights.items()
-    )
+    decoder = _Decoder(found, size)
+    decoded = [
+        decoder.decode_sensor(sensor, sights, at_s) for sensor, sights in found.sights.items()
+    ]
     best: list[Sight] = []
     for sights in decoded:
         if sights and (not best or _is_image(sights) > _is_image(best)):
@@ -62,53 +67,69 @@ def _is_image(sights: Sequence[Sight]) -> bool:
     return isinstance(sights[0].perceived, Frame)
 
 
-def _decode_sensor(
-    sensor: str, sights: Iterable[RecordedSight], size: ImageSize, epoch_ns: int, at_s: float | None
-) -> list[Sight]:
-    found: list[Sight] = []
-    for sight in sights:
-        is_main = sight.wanted_s == at_s
-        width_px = size.main_px if is_main else size.strip_px
-        try:
-            perceived = _decode(sight.perceived, width_px, size.quality, epoch_ns)
-            messages = sight.beside if is_main else ()
-            beside = [
-                _decode(message, size.strip_px, size.quality, epoch_ns) for message in messages
-            ]
-        except (KeyError, ValueError, TypeError, AttributeError, cv2.error):
-            continue  # a reading of another type, or of another program
-        if perceived is None:
-            continue
-        if found and found[-1].perceived.t_s == perceived.t_s:
-            if not is_main:
+class _Decoder:
+    """Decodes the readings of one recording."""
+
+    def __init__(self, found: RecordedSights, size: ImageSize) -> None:
+        self._size = size
+        self._epoch_ns = found.epoch_ns
+        self._images = RecordedImages(found.facts)
+        self._problems = found.problems
+        self._has_refused = False
+
+    def decode_sensor(
+        self, sensor: str, sights: Iterable[RecordedSight], at_s: float | None
+    ) -> list[Sight]:
+        found: list[Sight] = []
+        for sight in sights:
+            is_main = sight.wanted_s == at_s
+            perceived = self._try(sight.perceived, is_main=is_main)
+            if perceived is None:
                 continue
-            found.pop()  # a slow sensor: the moment shows the same reading
-        shown = tuple(one for one in beside if one is not None)
-        figures = tuple(_figures(sight.provenance))
-        found.append(Sight(sight.wanted_s, perceived, shown, figures, sensor))
-    return found
+            if found and found[-1].perceived.t_s == perceived.t_s:
+                if not is_main:
+                    continue
+                found.pop()  # a slow sensor: the moment shows the same reading
+            messages = sight.beside if is_main else ()
+            beside = [self._try(message, is_main=False) for message in messages]
+            shown = tuple(one for one in beside if one is not None)
+            figures = tuple(_figures(sight.provenance))
+            found.append(Sight(sight.wanted_s, perceived, shown, figures, sensor))
+        return found
 
+    def _try(self, message: Message, *, is_main: bool) -> Frame | Scan | None:
+        """Return a reading as an image or scan; None for one that cannot be shown."""
+        try:
+            return self._decode(message, self._size.main_px if is_main else self._size.strip_px)
+        except NotDrawnAgainError as error:
+            if not self._has_refused:
+                self._has_refused = True
+                self._problems.append(str(error))
+            return None
+        except (KeyError, ValueError, TypeError, AttributeError, cv2.error):
+            return None  # a reading of another type, or of another program
 
-def _decode(message: Message, width_px: int, quality: int, epoch_ns: int) -> Frame | Scan | None:
-    """Return a reading as an image or scan; None for other types."""
-    document = json.loads(message.data)
-    delivered_s = (message.log_time - epoch_ns) / 1e9
-    wil = document["wil"]
-    if wil["type"] in {"camera", "depth"}:
-        image = image_of(document)
-        bgr = color_depth(image) if wil["type"] == "depth" else image
-        frame = frame_of(
-            bgr,
-            source=str(wil["source"]),
-            t_s=float(wil["t_s"]),
-            delivered_s=delivered_s,
-            width_px=width_px,
-            quality=quality,
-        )
-        return replace(frame, view=_view(document))
-    if wil["type"] == "lidar":
-        return _scan(document, delivered_s)
-    return None
+    def _decode(self, message: Message, width_px: int) -> Frame | Scan | None:
+        """Return a reading as an image or scan; None for other types."""
+        document = json.loads(message.data)
+        delivered_s = (message.log_time - self._epoch_ns) / 1e9
+        wil = document["wil"]
+        if wil["type"] in {"camera", "depth"}:
+            image = self._images.image(document)
+            is_depth = wil["type"] == "depth"
+            bgr = color_depth(image) if is_depth else image
+            frame = frame_of(
+                bgr,
+                source=str(wil["source"]),
+                t_s=float(wil["t_s"]),
+                delivered_s=delivered_s,
+                width_px=width_px,
+                quality=self._size.quality,
+            )
+            return replace(frame, view=_view(document), is_depth=is_depth)
+        if wil["type"] == "lidar":
+            return _scan(document, delivered_s)
+        return None
 
 
 def _view(document: Mapping[str, Any]) -> CameraView | None:

@@ -30,6 +30,7 @@ def environment(package: str = _PACKAGE) -> Environment:
         finalize=shown,
     )
     created.filters["number"] = number_text
+    created.filters["breakable"] = _breakable
     created.filters["data_uri"] = _data_uri
     created.filters["limit"] = limit_text
     return created
@@ -72,6 +73,11 @@ def _policy(style: str, script: str) -> str:
 def _hash(text: str) -> str:
     digest = hashlib.sha256(text.encode()).digest()
     return "sha256-" + base64.b64encode(digest).decode("ascii")
+
+
+def _breakable(name: str) -> Markup:
+    """Return a name that a narrow column breaks after its underscores, not within its words."""
+    return Markup("_<wbr>").join(name.split("_"))
 
 
 def _data_uri(frame: Frame) -> str:

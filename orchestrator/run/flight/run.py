@@ -51,6 +51,8 @@ def fly(
         if flown.run_state is None:
             raise
         flown.run_state.fault(error, "the run's loop")
+    finally:
+        flown.close_streams()
     return flown.result()
 
 
@@ -61,6 +63,7 @@ class Flown:
         self._setup = setup
         self._started_s = time.monotonic()
         self._ground: GroundParts | None = None
+        self._streams = ExitStack()
         self._end_s = 0.0
         self.run_state: RunState | None = None
 
@@ -81,7 +84,7 @@ class Flown:
     ) -> None:
         """Open the run's streams and fly its vehicles."""
         setup = self._setup
-        with ExitStack() as streams:
+        with self._streams as streams:
             ground = self._ground = ground_parts(setup, run_state, report, streams)
             try:
                 await _fly_pair(ground, inbox, disturb)
@@ -95,6 +98,13 @@ class Flown:
                 # Recorded here, while the recordings are still open.
                 run_state.fault(error, "the run")
             run_state.enter("end")
+
+    def close_streams(self) -> None:
+        """Close what the run could not, where its loop broke off, as by a second interrupt.
+
+        Else their threads would stay in this process, and the end of their files unwritten.
+        """
+        self._streams.close()
 
     def result(self) -> RunResult:
         """Return the run's result, after its event loop has closed."""

@@ -13,7 +13,7 @@ import numpy as np
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.recipes.visibility.ranges import nearest_m
-from wil_campaign.vehicles.embedded.control.law import load_kernels
+from wil_campaign.vehicles.embedded.emulations import load_kernels
 from wil_campaign.vehicles.embedded.physics.contact_world import BODY
 from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate
 from wil_campaign.vehicles.perception.hsv import NAMED_COLORS, HsvMask

@@ -23,7 +23,7 @@ from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
 from wil_campaign.safety.guard.process.run_clock import PaceSetup
 from wil_campaign.vehicles.autopilots.autopilot import Target
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
-from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch
+from wil_campaign.vehicles.launch import ReservedLaunch
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.links.link_conditions import LinkConditions, under_conditions
 from wil_campaign.vehicles.links.memory import memory_pair
@@ -42,7 +42,7 @@ def guard_of(
     setup: RunSetup,
     *,
     record: Record,
-    prepared: Mapping[str, PreparedLaunch],
+    prepared: Mapping[str, ReservedLaunch],
     tracks: Mapping[str, Track],
 ) -> tuple[Guard, VehicleBackend, Mapping[str, Link]]:
     """Return the guard, the backend that starts vehicles for it, and its links by vehicle.
@@ -129,10 +129,10 @@ def _pace_of(setup: RunSetup) -> PaceSetup | None:
     )
 
 
-def _address(vehicle: FlownSetup, prepared: Mapping[str, PreparedLaunch]) -> str:
+def _address(vehicle: FlownSetup, prepared: Mapping[str, ReservedLaunch]) -> str:
     """Return the guard's link address of a vehicle; empty for a port that the guard chooses."""
     if vehicle.name in prepared:
-        return str(prepared[vehicle.name].plan.link)
+        return str(prepared[vehicle.name].link)
     return "" if vehicle.attached is None else str(vehicle.attached)
 
 

@@ -32,13 +32,6 @@ from wil_campaign.safety.preflight import (
     settled,
     without_faults,
 )
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
-from wil_campaign.vehicles.autopilots.failsafes import (
-    FAILSAFES,
-    RETURN_ALTITUDES,
-    return_altitude_m,
-    unsound,
-)
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterValue
 from wil_campaign.vehicles.driver.onboard.parameters import Parameters
@@ -169,22 +162,22 @@ class Preflight:
         )
 
     async def _failsafes(self, context: VehicleContext, vehicle: FlownSetup) -> Iterable[Item]:
-        autopilot = context.driver.identity.autopilot
+        failsafes = autopilot_named(context.driver.identity.autopilot).failsafes
         parameters = context.driver.parameters
         values: dict[str, float] = {}
-        for rule in FAILSAFES[autopilot]:
+        for rule in failsafes.rules:
             if rule.counts(values):
                 values |= await first_known(parameters, rule.names)
-        names = tuple(parameter.name for parameter in RETURN_ALTITUDES[autopilot])
+        names = tuple(parameter.name for parameter in failsafes.return_altitudes)
         ceiling_m = ceiling_above_home_m(self._setup, vehicle)
-        faults = [*unsound(autopilot, values, pace=vehicle.launch_pace or 1.0)]
+        faults = [*failsafes.unsound(values, pace=vehicle.launch_pace or 1.0)]
         fence = self._setup.case.fences.get(vehicle.name)
         if fence is not None:
             known = partial(first_known, parameters)
             faults += await return_faults(context, fence, values, known)
         items = [without_faults("failsafe", context.name, faults)]
         if ceiling_m is not None:
-            altitude_m = return_altitude_m(autopilot, await first_known(parameters, names))
+            altitude_m = failsafes.return_altitude_m(await first_known(parameters, names))
             what = "its RTL altitude"
             items.append(
                 at_most("return_altitude", context.name, altitude_m, ceiling_m, unit="m", what=what)
@@ -224,14 +217,14 @@ async def first_known(parameters: Parameters, names: Iterable[str]) -> dict[str,
 
 
 async def wanted_failsafes(
-    autopilot: AutopilotName, parameters: Parameters, *, ceiling_m: float | None
+    autopilot: str, parameters: Parameters, *, ceiling_m: float | None
 ) -> dict[str, ParameterValue]:
     """Return the failsafe parameters that preflight demands, by the firmware's names.
 
     ceiling_m: of the fence, above home; a higher return altitude is lowered beneath it.
     """
     wanted: dict[str, ParameterValue] = {}
-    for rule in FAILSAFES[autopilot]:
+    for rule in autopilot_named(autopilot).failsafes.rules:
         if rule.wanted is not None or rule.forbidden:  # The others are checked only.
             for name, value in (await first_known(parameters, rule.names)).items():
                 instead = rule.wanted_instead(value)
@@ -243,10 +236,10 @@ async def wanted_failsafes(
 
 
 async def lower_return(
-    autopilot: AutopilotName, parameters: Parameters, *, ceiling_m: float
+    autopilot: str, parameters: Parameters, *, ceiling_m: float
 ) -> dict[str, ParameterValue]:
     """Return the parameters that make an autopilot return beneath a ceiling; empty if set."""
-    for parameter in RETURN_ALTITUDES[autopilot]:
+    for parameter in autopilot_named(autopilot).failsafes.return_altitudes:
         for name, value in (await first_known(parameters, [parameter.name])).items():
             if value * parameter.metres <= ceiling_m:
                 return {}

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.vehicles.autopilots.failsafes import ReturnsBy
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver.onboard.mission_protocol import (
     ItemList,
     MissionError,
@@ -13,14 +15,9 @@ from wil_campaign.vehicles.driver.onboard.mission_protocol import (
     UnsupportedListError,
 )
 from wil_campaign.vehicles.driver.onboard.return_places import (
-    RALLY_LIMIT,
-    RETURN_TYPE,
-    ReturnsBy,
     height_above_home_m,
     landing_of,
     places_of,
-    rally_limit_m,
-    ways_of_return,
 )
 from wil_campaign.vehicles.errors import AnchorError
 from wil_campaign.worlds.frames import Vec3, add
@@ -55,12 +52,12 @@ async def return_faults(
 
     values: of the autopilot's failsafe parameters.
     """
-    autopilot = context.driver.identity.autopilot
-    if not ways_of_return(autopilot, values):
+    failsafes = autopilot_named(context.driver.identity.autopilot).failsafes
+    if not failsafes.ways_of_return(values):
         return ()
-    if autopilot == "px4":
-        values = {**values, **await known((RETURN_TYPE,))}
-    ways = ways_of_return(autopilot, values)
+    if failsafes.return_type is not None:
+        values = {**values, **await known((failsafes.return_type,))}
+    ways = failsafes.ways_of_return(values)
     faults: list[str] = []
     for which, flown_to in _LISTS.items():
         if ways & flown_to:
@@ -90,8 +87,9 @@ async def _faults(
     if not places:
         return ()
     within_m = math.inf
-    if which is ItemList.RALLY and context.driver.identity.autopilot == "ardupilot":
-        within_m = rally_limit_m(await known((RALLY_LIMIT,)))
+    failsafes = autopilot_named(context.driver.identity.autopilot).failsafes
+    if which is ItemList.RALLY and failsafes.rally_limit is not None:
+        within_m = failsafes.rally_limit_m(await known((failsafes.rally_limit,)))
     try:
         outside = _farthest(context, fence, places, within_m)
     except AnchorError as error:

@@ -4,31 +4,25 @@ import math
 from collections.abc import Mapping
 from contextlib import AsyncExitStack
 from dataclasses import replace
+from functools import partial
 
-from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup, SitlLaunch
+from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
 from wil_campaign.foundation.tasks import start, stop
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
-from wil_campaign.vehicles.launch.launch_plan import Home
-from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch
-
-_READY_S = 60.0
-"""Start time limit: a loaded machine, or a container image that starts cold."""
-_GRACE_S = 2.0
-"""How long a simulator may take to end; less than the guard allows its children."""
+from wil_campaign.vehicles.launch import Home, Launch, ReservedLaunch
 
 
-def prepare_launches(setup: RunSetup, stack: AsyncExitStack) -> Mapping[str, PreparedLaunch]:
+def prepare_launches(setup: RunSetup, stack: AsyncExitStack) -> Mapping[str, ReservedLaunch]:
     """Reserve folder and instance of every simulator to launch; the stack releases them.
 
     Raises LaunchError when something is missing. Nothing is started.
     """
-    prepared: dict[str, PreparedLaunch] = {}
+    prepared: dict[str, ReservedLaunch] = {}
     for vehicle in setup.guarded:
         if vehicle.launch is None:
             continue
-        one = PreparedLaunch(
-            launch=_at_start(vehicle.launch, setup, vehicle),
+        one = _at_start(vehicle.launch, setup, vehicle).prepare(
             folder=(setup.order.folder / f"{vehicle.name}-sitl").absolute(),
             system_id=vehicle.system_id,
         )
@@ -38,19 +32,16 @@ def prepare_launches(setup: RunSetup, stack: AsyncExitStack) -> Mapping[str, Pre
     return prepared
 
 
-async def start_simulators(name: str, prepared: PreparedLaunch, guard: RemoteGuard) -> None:
+async def start_simulators(name: str, prepared: ReservedLaunch, guard: RemoteGuard) -> None:
     """Have the guard launch a simulator, and wait for it. Raises LinkError, LaunchError."""
     end = start(guard.end_of(name), name=f"end of {name}")
     try:
-        # It lives on the lifeline of guard and orchestrator, not on one of them alone.
-        command = prepared.command(parent=0, grace_s=_GRACE_S)
-        prepared.note(await guard.start(name, command, dict(prepared.plan.environment)))
-        await prepared.until_ready(end, ready_s=_READY_S)
+        await prepared.start(partial(guard.start, name), end)
     finally:
         await stop(end)
 
 
-def _at_start(launch: SitlLaunch, setup: RunSetup, vehicle: FlownSetup) -> SitlLaunch:
+def _at_start(launch: Launch, setup: RunSetup, vehicle: FlownSetup) -> Launch:
     """Return the simulator's launch at the vehicle's start in the world."""
     place = setup.case.world.frame.to_geodetic(vehicle.start.position_ned_m)
     home = Home(

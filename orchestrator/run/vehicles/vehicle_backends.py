@@ -12,7 +12,7 @@ from wil_campaign.orchestrator.run.vehicles.simulator_launch import start_simula
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.safety.evaluation.judge import ground_objects
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
-from wil_campaign.vehicles.autopilots.failsafes import SILENCE_PARAMETERS
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.physics.contact_world import SceneContactWorld, as_argument
 from wil_campaign.vehicles.embedded.process.embedded_launch import FeedClient
@@ -22,7 +22,7 @@ from wil_campaign.vehicles.embedded.process.process_settings import (
     Start,
 )
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
-from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch
+from wil_campaign.vehicles.launch import ReservedLaunch
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.poses.truth import TruthSample
@@ -101,7 +101,7 @@ class InProcessBackend:
                 latitude_deg=frame.latitude_deg,
                 longitude_deg=frame.longitude_deg,
                 altitude_m=frame.altitude_m,
-                parameters={**SILENCE_PARAMETERS[vehicle.autopilot], **vehicle.params},
+                parameters=_parameters(vehicle),
             ),
             link=self._far[vehicle.name],
             seed=vehicle_seed(setup.seed, vehicle.name),
@@ -141,7 +141,7 @@ class SubprocessBackend:
     """Vehicles in separate processes, children of the guard; or attached vehicles."""
 
     def __init__(
-        self, setup: RunSetup, guard: RemoteGuard, prepared: Mapping[str, PreparedLaunch]
+        self, setup: RunSetup, guard: RemoteGuard, prepared: Mapping[str, ReservedLaunch]
     ) -> None:
         self._setup = setup
         self._guard = guard
@@ -201,7 +201,7 @@ class SubprocessBackend:
             latitude_deg=frame.latitude_deg,
             longitude_deg=frame.longitude_deg,
             altitude_m=frame.altitude_m,
-            parameters={**SILENCE_PARAMETERS[vehicle.autopilot], **vehicle.params},
+            parameters=_parameters(vehicle),
             truth_hz=TRUTH_HZ,
             running_s=_RUNNING_S,
             end_with_stdin=True,
@@ -239,3 +239,8 @@ def vehicle_seed(seed: int, name: str) -> int:
 def _source_of(vehicle: FlownSetup) -> Literal["real", "twin"]:
     """Return the source named in an embedded vehicle's readings; those of an actor are unused."""
     return "real" if vehicle.name == "real" else "twin"
+
+
+def _parameters(vehicle: FlownSetup) -> dict[str, float]:
+    """Return an embedded vehicle's parameters: it lands on link loss, unless the campaign's say."""
+    return {**autopilot_named(vehicle.autopilot).failsafes.on_silence, **vehicle.params}

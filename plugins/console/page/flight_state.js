@@ -27,7 +27,8 @@ export function hasEnded(model, run) {
 
 /** The final verdict of a run; empty before it has one. @param {Model} model @param {Run} run @returns {string} */
 export function finalOf(model, run) {
-  if (model.mode === "recorded") return run.view?.stage === "end" ? run.view.verdict_so_far : "";
+  // A recorded run has its verdict in its last view alone, in whatever stage it ended.
+  if (model.mode === "recorded") return run.view?.verdict_so_far ?? "";
   const campaign = campaignOf(model, run.key);
   const name = campaign ? run.key.slice(campaign.folder.length + 1) : "";
   return campaign?.flying?.[name] ? "" : (campaign?.finished?.[name] ?? "");

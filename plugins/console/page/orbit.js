@@ -34,7 +34,7 @@ export class Orbit {
     }, { passive: false });
     canvas.addEventListener("dblclick", () => this.reset());
     for (const [name, act] of Object.entries({ nearer: () => this.nearer(NEARER), farther: () => this.nearer(1 / NEARER), reset: () => this.reset(), observer: () => this.observe() })) {
-      document.getElementById(`${canvas.id}-${name}`)?.addEventListener("click", act);
+      document.getElementById(`space-${name}`)?.addEventListener("click", act);
     }
     canvas.addEventListener("keydown", (event) => this.press(event));
   }

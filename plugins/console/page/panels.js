@@ -28,6 +28,9 @@ export class Panels {
   lost(text, isLost) {
     by("lost").hidden = !isLost || this.model.isOver;
     if (isLost) by("lost-text").textContent = text;
+    // Of a recorded run nothing flies on.
+    by("lost-hint").hidden = this.model.mode === "recorded";
+    by("lost-recorded").hidden = this.model.mode !== "recorded";
   }
 
   refresh() {

@@ -146,6 +146,12 @@ export class SpaceView {
     }
   }
 
+  /** Forget all parts, which a lost context had, so that the next drawing makes them anew. */
+  forget() {
+    this.clear();
+    this.madeOf = "";
+  }
+
   clear() {
     for (const part of [this.world, ...this.vehicles.values()]) {
       if (!part) continue;

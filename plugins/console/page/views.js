@@ -220,6 +220,8 @@ class Drawing {
     this.context.setLineDash([]);
     if (vehicle.setpoint_kind === "position") this.ring(end, colour, 5, 1.5);
     else this.cross(end, colour, 3);
+    const [x, y] = this.projection.flat(end);
+    this.names.push([x - 6, y - 6, x + 6, y + 6]);
   }
 
   /** @param {number[][]} points */
@@ -317,17 +319,38 @@ export class Views {
     const context = canvas.getContext("webgl2", { antialias: true, powerPreference: "low-power" });
     if (context) {
       const { SpaceView } = await import("./space_view.js");
-      this.views.push(new SpaceView(model, canvas, context));
+      const view = new SpaceView(model, canvas, context);
+      this.views.push(view);
+      this.standIn(model, view, note);
     } else {
       note.textContent = "no WebGL in this browser: drawn without perspective";
       this.views.push(new View(model, "space", "space"));
     }
-    canvas.addEventListener("webglcontextlost", () => (note.textContent = "STOPPED: the browser lost its graphics context"));
-    canvas.addEventListener("webglcontextrestored", () => {
-      note.textContent = "";
-      this.draw();
-    });
     this.draw();
+  }
+
+  /** Draw without WebGL while its context is lost, which may be for ever.
+   * @param {Model} model @param {import("./space_view.js").SpaceView} view @param {HTMLElement} note */
+  standIn(model, view, note) {
+    const { canvas } = view;
+    const other = /** @type {HTMLCanvasElement} */ (canvas.cloneNode());
+    other.id = "space-flat";
+    other.hidden = true;
+    canvas.after(other);
+    const flat = new View(model, other.id, "space");
+    this.views.push(flat);
+    const show = (/** @type {boolean} */ isLost) => {
+      canvas.hidden = isLost;
+      other.hidden = !isLost;
+      note.textContent = isLost ? "the browser lost its graphics: drawn without perspective" : "";
+      this.draw();
+    };
+    canvas.addEventListener("webglcontextlost", () => {
+      view.forget();
+      show(true);
+    });
+    canvas.addEventListener("webglcontextrestored", () => show(false));
+    if (view.context.isContextLost()) show(true);
   }
 
   /** Draw at the next frame of the screen. */

@@ -20,8 +20,9 @@ from wil_campaign.foundation.files.limited_json import loads_limited
 from wil_campaign.orchestrator.reading.trajectory_file import Row, read_trajectory
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import camera_of, decode
-from wil_campaign.orchestrator.recording.mcap.mcap_json import Json, bytes_of
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import camera_of, decode, is_reading
+from wil_campaign.orchestrator.recording.mcap.mcap_json import Json
+from wil_campaign.orchestrator.recording.recorded_images import RecordedImages
 from wil_campaign.orchestrator.recording.recording_facts import campaign_in, mounts_in
 from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
 from wil_campaign.plugins.ros2.bags.bag_frames import BagFrames
@@ -206,17 +207,19 @@ class _Writing:
         self._mixed, self._rows, self._decodes = mixed, deque(rows), decodes
         self._subject = "twin" if facts.get("mode") == "sim" else "real"
         self._frames = BagFrames(self._subject, mounts_in(facts))
+        self._images = RecordedImages(facts)
         self._epoch_ns: int | None = None
         self._now_ns = self._clock_ns = 0
         self.left_out: Counter[str] = Counter()
 
     def receive(self, channel: Channel, message: Message) -> None:
         part = channel.metadata.get("part", "")
-        if part not in {"reading", "event", "transform"}:
+        if part not in {"reading", "drawing", "event", "transform"}:
             return
         document = loads_limited(message.data)
         if self._epoch_ns is None and part != "event":
-            t_s = document["wil"]["t_s"] if part == "reading" else 0.0  # of the fixed transforms
+            # 0: of the fixed transforms
+            t_s = document["wil"]["t_s"] if is_reading(channel) else 0.0
             self._start(message.publish_time - round(t_s * _NS))
         if part == "transform":
             return
@@ -300,11 +303,12 @@ class _Writing:
             return
         vehicle, log_ns = self._subject if source == "mixed" else source, message.log_time
         within, mount = self._frames.within(vehicle), AT_ORIGIN
-        if kind == "camera" and "format" in document and not self._decodes:
+        if kind == "camera" and self._images.is_encoded(document) and not self._decodes:
             frame = within + optical_frame(word_of(sensor))
             made = self._encoded(document, base, frame, message.publish_time)
         else:
-            reading = decode({**document, "wil": {**wil, "sensor": sensor}}, {})
+            parts = self._images.drawn(document) or {}
+            reading = decode({**document, "wil": {**wil, "sensor": sensor}}, parts)
             mount = getattr(reading, "mount", AT_ORIGIN)
             made = reading_messages(
                 reading,
@@ -320,9 +324,9 @@ class _Writing:
             self._bag.write(topic, topics[topic], build(), log_ns=log_ns)
 
     def _encoded(self, document: Json, base: str, frame: str, stamp_ns: int) -> Iterator[Made]:
-        """Yield the messages of an image, without decoding it."""
+        """Yield the messages of an image, with the bytes of the recording."""
         lens, _ = camera_of(document)
-        data, encoding = bytes_of(document["data"]), document["format"]
+        encoding, data = self._images.encoded(document)
         yield f"{base}/camera_info", partial(self._make.camera_info, lens, stamp_ns, frame)
         image = partial(self._make.jpeg, data, encoding, stamp_ns, frame)
         yield f"{base}/image_raw/compressed", image

@@ -13,6 +13,7 @@ from typing import Any
 from wil_campaign.orchestrator.campaign.folder.manifest_changes import (
     changed_keys,
     changed_options,
+    changed_plugins,
     shortened,
 )
 from wil_campaign.orchestrator.run_results.result_parts import distinct, firmware_changes
@@ -127,6 +128,8 @@ def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[
     versions = [_mapping(one, "versions").get("wil-campaign") for one in (before, now)]
     if versions[0] != versions[1]:
         yield "named", f"wil-campaign was {versions[0]}, now it is {versions[1]}"
+    for text in changed_plugins(before, now):
+        yield "named", text
 
 
 def _kind(names: list[str], *, is_added: bool, is_removed: bool) -> str:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import cast
 
 from wil_campaign.foundation.processes.codec import Codec, MessageError
 from wil_campaign.safety.fence.fence_values import fence_of_plain, plain_fence
@@ -11,7 +10,7 @@ from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.contingency import ContingencyPlan
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
 from wil_campaign.safety.guard.process.run_clock import PaceSetup
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, AutopilotName
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.links.link_conditions import LinkConditions
 
@@ -80,17 +79,10 @@ class GuardConfig:
         return guard_config
 
 
-def _autopilot(name: str) -> Autopilot:
-    try:
-        return autopilot_named(cast("AutopilotName", name))
-    except StopIteration as error:
-        raise ValueError(f"autopilot {name!r} is not known") from error
-
-
 _codec: Codec[GuardConfig] = Codec(
     GuardConfig,
     plain={
         Fence: (plain_fence, fence_of_plain),
-        Autopilot: (lambda autopilot: autopilot.name, _autopilot),
+        Autopilot: (lambda autopilot: autopilot.name, autopilot_named),
     },
 )

@@ -23,7 +23,7 @@ from pathlib import Path
 from traceback import format_exception
 from typing import Any
 
-from wil_campaign.foundation.clocks.paced_loop import PacedLoop, call_wall_later
+from wil_campaign.foundation.clocks.paced_loop import PacedLoop, call_wall_later, wall_timeout
 from wil_campaign.foundation.clocks.quick_loop import quick_loop
 from wil_campaign.foundation.processes.child import ChildProcess, how_it_ended
 from wil_campaign.foundation.processes.clock_socket import clock_environment
@@ -101,6 +101,7 @@ EARLY_S = 0.01
 """How much sooner a tick or a status may come, with a frame: the process wakes once for both."""
 _CONFIG_S = 20.0
 _LAST_POLL_S = 0.05
+_LAST_TICKS_WALL_S = 5.0
 GUARD_LOG = "guard.jsonl"
 
 
@@ -417,7 +418,7 @@ class GuardProcess:
                 return
             await asyncio.sleep(_LAST_POLL_S)
         if was_busy:  # The tick that reports how they came down may be still to come.
-            await asyncio.sleep(2.0 / TICK_HZ)
+            await last_ticks()
 
     def _may_do_harm(self, busy: tuple[str, ...]) -> bool:
         """Return whether anything was received lately from an armed vehicle that may do harm."""
@@ -498,6 +499,16 @@ class GuardProcess:
     def _note(self, event: str, **details: str | float | bool | None) -> None:
         if self._log is not None:
             self._log.write(asyncio.get_running_loop().time(), event, **details)
+
+
+async def last_ticks(within_s: float = _LAST_TICKS_WALL_S) -> None:
+    """Wait for two ticks of the run clock; within_s: in wall time at most, as it may stand still.
+
+    The clock is that of a simulator, which may have ended with the flight.
+    """
+    with contextlib.suppress(TimeoutError):
+        async with wall_timeout(within_s):
+            await asyncio.sleep(2.0 / TICK_HZ)
 
 
 def main(arguments: list[str]) -> int:

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
+from wil_campaign.plugins.ardupilot.launch import ArduPilotLaunch
+from wil_campaign.plugins.firmware.px4_launch import Px4Launch
 from wil_campaign.vehicles.embedded import profile
-from wil_campaign.vehicles.launch.ardupilot import ArduPilotLaunch
-from wil_campaign.vehicles.launch.px4 import Px4Launch
 from wil_campaign.vehicles.links.link_conditions import KeySource
 from wil_campaign.vehicles.links.link_strings import parse_link
 

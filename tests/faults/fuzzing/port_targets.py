@@ -9,6 +9,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.faults.fuzzing.targets import Prepared, Target
+from wil_campaign.plugins.ardupilot.strategy import ArduCopter
 from wil_campaign.plugins.mocap.motion_capture import PROTOCOL, decode_frame
 from wil_campaign.plugins.mqtt.message_signing import signed
 from wil_campaign.plugins.mqtt.mqtt_commands import CommandReader, RefusedCommandError
@@ -19,7 +20,6 @@ from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.events import GuardedVehicle, ToVehicle
 from wil_campaign.safety.guard.core.guard_core import GuardCore
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError, parse_line
-from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
 from wil_campaign.vehicles.autopilots.autopilot import Mode, command_long
 from wil_campaign.vehicles.autopilots.autopilot import Target as Addressed
 from wil_campaign.vehicles.autopilots.px4 import Px4

@@ -46,7 +46,7 @@ def await_listening(pid: int, port: int) -> None:
 @asynccontextmanager
 async def outside(link: str, autopilot: str) -> AsyncIterator[None]:
     """A vehicle that is there before the program is, and after it."""
-    settings = ProcessSettings(autopilot=autopilot, link=link, seed=1, running_s=60.0)  # type: ignore[arg-type]  # one of the two
+    settings = ProcessSettings(autopilot=autopilot, link=link, seed=1, running_s=60.0)
     async with running_vehicle(settings) as process:
         port = int(link.rpartition(":")[2])
         if link.startswith("udpout:"):

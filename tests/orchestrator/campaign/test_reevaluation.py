@@ -130,7 +130,7 @@ def test_judge_reports_runs_never_flown_and_a_folder_without_recordings(
     lines = capsys.readouterr().out.splitlines()
     assert "never flown: large/sim/2, large/sim/3, large/sim/4" in lines
     assert any(line.endswith("large/sim is 1/1 (needs 4/4)") for line in lines)
-    assert lines[-1].startswith("not accepted of what was flown; never flown: 3 of 5; required but")
+    assert lines[-1].startswith("not accepted; never flown: 3 of 5; required but")
     assert any("left out: large/wil" in line for line in lines)
     assert judge(tmp_path) == 3
     assert "has no run of this campaign, such as large/sim/1" in capsys.readouterr().err
@@ -264,7 +264,7 @@ def test_a_required_run_that_is_not_there_is_forgiven_by_no_share(
     assert judge(recorded, share, repetitions=5) == 3
     lines = capsys.readouterr().out.splitlines()
     assert "never flown: large/sim/2, large/sim/3, large/sim/4, large/sim/5" in lines
-    assert lines[-1].startswith("not accepted of what was flown; never flown: 4 of 6")
+    assert lines[-1].startswith("not accepted; never flown: 4 of 6")
 
 
 @pytest.mark.parametrize(
@@ -292,7 +292,7 @@ def test_judge_counts_the_end_of_a_campaign_outside_of_its_runs(
     (folder / "summary.json").write_text(json.dumps(document))
     assert judge(folder) == code
     printed = capsys.readouterr().out
-    assert printed.splitlines()[-1].startswith("not accepted of what was flown;")
+    assert printed.splitlines()[-1].startswith("not accepted;")
     assert said in printed
     assert judge(folder, json=True) == code
     assert json.loads(capsys.readouterr().out)["accepted"] is False

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from tests.orchestrator.hover import write_hover
-from wil_campaign.campaigns.setup.vehicle_setups import _beside
 from wil_campaign.orchestrator.campaign.workers import run_server
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.safety.guard.process.runtime_folder import RuntimeFolderError
+from wil_campaign.vehicles.launch import beside
 
 BOX = "geofence: {box: {north_m: [-3, 3], east_m: [-3, 3], up_m: HERE}}"
 AREA = "geofence: {include: [{HERE}], up_m: [-1, 3]}"
@@ -150,4 +150,4 @@ def test_a_home_that_is_not_there_is_a_name_like_any_other(
 
     monkeypatch.delenv("HOME", raising=False)
     monkeypatch.setattr(pwd, "getpwuid", unknown)
-    assert _beside(Path("/campaign"), home) == Path("/campaign") / home
+    assert beside(Path("/campaign"), home) == Path("/campaign") / home

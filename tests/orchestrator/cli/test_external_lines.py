@@ -62,9 +62,13 @@ def test_counts_are_summed_and_the_worst_figures_shown() -> None:
         captures=tuple(replace(OUTSIDE.captures[0], feed=feed) for feed in (slow, dead)),
         outlets=(replace(OUTSIDE.outlets[0], trouble="no route"),),
         injected=(InjectedResult("real", "obstacle_distance", 10, 0, 5),),
+        sources=(replace(OUTSIDE.sources[0], restarts=1),),
     )
     lines = external_lines([run(OUTSIDE), run(worse)])
-    assert lines[0] == "real camera (live): 600 delivered, 4 dropped, 2 missed, 0 damaged, 2 stalls"
+    assert lines[0] == (
+        "real camera (live): 600 delivered, 4 dropped, 2 missed, 0 damaged, 2 stalls; "
+        "its sender restarted 1 time"
+    )
     assert "80.0 Hz, latency 9.0 ms (p99 30.0), 9 missing" in lines[1]
     assert "longest gap 400 ms" in lines[1]
     assert lines[2] == "rtp 127.0.0.1:5600: 580 of 600 images delivered (no route)"

@@ -27,6 +27,12 @@ def test_text_too_long_for_the_last_line_stands_above_it() -> None:
     assert lines[-2] == f"required but left out: {', '.join(left_out)}"
 
 
+def test_a_campaign_that_is_not_accepted_is_so_whatever_was_flown() -> None:
+    found = replace(summary([result("FAIL")]), left_out=("large/wil",))
+    last = conclusions(found)[-1].plain
+    assert last.startswith("not accepted; required but left out: large/wil")
+
+
 def test_the_last_line_counts_very_many_parts() -> None:
     found = replace(
         summary([result("INVALID")]),

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from wil_campaign.hooks import LiveViewError
 from wil_campaign.orchestrator.cli import live_views
 from wil_campaign.orchestrator.cli.live_views import views_beside
 
@@ -18,6 +19,8 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     @contextmanager
     def view(address: str, say: Any, **_: Any) -> Iterator[None]:
+        if address == "dark":
+            raise RuntimeError("no lamp")
         try:
             yield
         finally:
@@ -31,6 +34,20 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     monkeypatch.setattr(live_views, "load", lambda _: view)
     monkeypatch.setattr(live_views, "given", lambda views: views)
     return lines
+
+
+def test_a_view_that_raises_before_the_flight_is_named_with_its_plugin(
+    shown: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sonar = SimpleNamespace(name="sonar", origin="wil-sonar 1.2", adds={"live_views": ("ticker",)})
+    monkeypatch.setattr(live_views, "installed", lambda: (sonar,))
+    views: Any = {"window": "good", "ticker": "dark"}
+    with pytest.raises(LiveViewError) as raised, views_beside(views, shown.append):
+        shown.append("the flight")
+    assert raised.value.code == 2
+    said = "--ticker: the view of the plugin sonar (wil-sonar 1.2) cannot be opened: RuntimeError: "
+    assert str(raised.value).startswith(f"{said}no lamp; mend it")
+    assert shown == ["good closes"]
 
 
 VIEWS: Any = {"window": "good", "ticker": "bad"}

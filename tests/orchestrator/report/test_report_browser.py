@@ -76,6 +76,32 @@ def test_a_phone_shows_violation_image_and_command_without_scrolling(page: Page)
     assert all(0 < bottom < 844 for bottom in shown), shown
 
 
+@pytest.mark.parametrize("width_px", [1440, 820, 390])
+def test_no_word_of_the_margins_is_broken(page: Page, width_px: int) -> None:
+    page.resize(width_px, 900)
+    show(page, "run-large-sim-1")
+    table = "document.querySelector('#run-large-sim-1 .margins')"
+    page.value(f"void ({table}.querySelector('td').textContent = 'at most 1234.567 m of it')")
+    heads = f"[...{table}.querySelectorAll('th:first-child')]"
+    lines = page.value(f"{heads}.map((one) => one.getBoundingClientRect().height / 20)")
+    page.resize(1280, 900)
+    # A name may take a second line, at its underscore.
+    assert lines
+    assert max(lines) < 3.5, lines
+
+
+def test_an_image_says_what_it_shows_and_that_it_can_be_enlarged(page: Page) -> None:
+    show(page, "run-large-wil-1")
+    button = "document.querySelector('#run-large-wil-1 .saw .main button.enlarge')"
+    page.send("Accessibility.enable")
+    found = page.send("Runtime.evaluate", expression=button)["result"]["objectId"]
+    tree = page.send("Accessibility.getPartialAXTree", objectId=found, fetchRelatives=False)
+    name = tree["nodes"][0]["name"]["value"]
+    assert name.startswith("enlarge: mixed image, exposed")
+    # What is written on the image is said, too.
+    assert "gate" in name
+
+
 def test_one_cursor_moves_in_all_plots_and_maps(page: Page) -> None:
     show(page, "run-large-wil-1")
     run = "document.querySelector('#run-large-wil-1')"

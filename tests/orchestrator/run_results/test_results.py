@@ -197,7 +197,7 @@ def test_a_rehearsal_that_left_something_on_a_vehicle_is_not_good() -> None:
     ("verdict", "said"),
     [
         ("PASS", "accepted of what was flown; required but left out: large/wil"),
-        ("FAIL", "not accepted of what was flown; required but left out: large/wil"),
+        ("FAIL", "not accepted; required but left out: large/wil"),
     ],
 )
 def test_the_last_line_says_what_was_left_out(verdict: str, said: str) -> None:

@@ -7,11 +7,12 @@ from collections.abc import Iterator
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
-from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
+from wil_campaign.orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
 from wil_campaign.orchestrator.operator import local_commands
 from wil_campaign.orchestrator.operator.campaign_records import Place, Places
 from wil_campaign.orchestrator.operator.run_messages import Happening
@@ -21,10 +22,14 @@ from wil_campaign.plugins.cluster.node_messages import (
     RunEnded,
     RunHappening,
     ToCampaign,
+    ToNode,
     decode_to_campaign,
     encode_to_node,
 )
 from wil_campaign.plugins.cluster.node_process import NodeRuns, _is_deserted
+from wil_campaign.plugins.cluster.ray_agents import HiredAgent
+from wil_campaign.plugins.cluster.ray_worker import RayWorker
+from wil_campaign.plugins.cluster.returned_results import FetchedResults
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 
@@ -205,3 +210,31 @@ def test_a_node_notices_that_its_cluster_is_gone_also_with_words_unread() -> Non
     here, there = Pipe()
     there.close()
     assert _is_deserted(here)
+
+
+async def test_a_run_that_has_arrived_counts_though_its_node_has_ended_since() -> None:
+    """As a bench ends after Ctrl-C, before it is told that the run's files are here."""
+    written: list[str] = []
+    killed: list[bool] = []
+
+    class Agent:
+        node = "bench"
+
+        async def receive(self) -> list[ToCampaign]:
+            return [RunEnded.of(WorkerLost("x"))]
+
+        async def send(self, message: ToNode) -> None:
+            raise EOFError(type(message).__name__)
+
+        def kill(self) -> None:
+            killed.append(True)
+
+    ledger: Any = SimpleNamespace(write=lambda event, *_: written.append(event))
+    worker = RayWorker(
+        agent=cast("HiredAgent", Agent()),
+        ledger=ledger,
+        results=cast("FetchedResults", None),
+        give_back=lambda _: None,
+    )
+    assert isinstance(await worker.receive(), OrderDone)
+    assert (written, killed) == (["lost"], [True])

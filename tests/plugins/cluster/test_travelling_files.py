@@ -37,6 +37,8 @@ def test_a_campaign_is_read_where_it_was_unpacked_and_nowhere_else(tmp_path: Pat
     (here / "still.py").unlink()
     moved = relocate_order(order, there)
     assert moved.plan.files.campaign.path == place_beneath(there, here.resolve() / "hover.yaml")
+    # A recording names the files of the campaign's own machine, which draws its images again.
+    assert moved.own_path(moved.plan.files.campaign.path) == here.resolve() / "hover.yaml"
     assert moved.plan.setup()
     place_beneath(there, here.resolve() / "still.py").unlink()
     with pytest.raises(BadInput, match=r"there is no file 'still\.py'"):

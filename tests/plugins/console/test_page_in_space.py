@@ -53,13 +53,13 @@ def width_of(image: Any, rgb: tuple[int, int, int]) -> float:
     return float(np.ptp(columns)) / image.shape[1] if len(columns) else 0.0
 
 
-def space_image(page: Page, path: Path) -> Any:
+def space_image(page: Page, path: Path, canvas: str = "space") -> Any:
     """Return what the canvas of the view in space shows."""
     page.settle()
     page.screenshot(path)
     box = page.value(
         "(({x, y, width, height}) => [x, y, width, height])"
-        "(document.getElementById('space').getBoundingClientRect())"
+        f"(document.getElementById('{canvas}').getBoundingClientRect())"
     )
     x, y, width, height = (round(one) for one in box)
     image = cv2.imread(str(path))
@@ -136,6 +136,13 @@ async def test_the_view_in_space_shows_vehicles_fence_and_gate_and_turns(
             wait_until(page, lambda: page.value(PAUSE) == "Play")
             page.value(TO_ITS_END)
             wait_until(page, lambda: page.value(TIME).split(" of ")[0] == page.value(LAST))
+            # At its end the verdict is final, in whatever stage the recording ended.
+            verdict = "document.getElementById('verdict').textContent"
+            wait_until(page, lambda: page.value(verdict) == "FAIL")
+            assert (
+                page.value("document.getElementById('verdict-label').textContent")
+                == "Verdict, final"
+            )
             marks = "document.getElementById('playback-marks').childElementCount > 0"
             wait_until(page, lambda: page.value(marks))
             page.value("document.getElementById('space').focus()")
@@ -156,10 +163,15 @@ async def test_the_view_in_space_shows_vehicles_fence_and_gate_and_turns(
             ] == []
             page.value("document.getElementById('playback-pause').click()")
             page.value(f"(window.lost = {LOSE}).loseContext()")
-            wait_until(page, lambda: "STOPPED" in page.value(NOTE))
+            # Without its graphics the view is drawn flat; they may never come back.
+            wait_until(page, lambda: "without perspective" in page.value(NOTE))
+            assert page.value("document.getElementById('space').hidden")
+            wait_until(page, lambda: seen(space_image(page, shot, "space-flat"), ORANGE) > LEAST_PX)
             page.value("window.lost.restoreContext()")
             wait_until(page, lambda: page.value(NOTE) == "")
             wait_until(page, lambda: seen(space_image(page, shot), ORANGE) > LEAST_PX)
+            assert page.value("document.getElementById('space-flat').hidden")
+            assert [error for error in page.errors if "does not belong" in error] == []
 
     await serve_and_look(folder, look)
 

@@ -280,6 +280,20 @@ async def test_abort_never_moves(console: Console, width_px: int) -> None:
     await look(console, seen, width_px)
 
 
+@pytest.mark.parametrize("width_px", [820, 390])
+async def test_the_reason_is_whole_on_a_tablet_and_a_phone(console: Console, width_px: int) -> None:
+    def seen(feed: FakeFeed) -> None:
+        feed.status()
+        held = "held by console:operator after the goal was given: the flight proves nothing"
+        feed.take(view("large/wil/1", verdict_so_far="INVALID", reason=held))
+        wait_until(feed.page, text("verdict"), "INVALID")
+        wait_until(feed.page, text("reason"), "proves nothing")
+        reason = "document.getElementById('reason')"
+        assert feed.page.value(f"{reason}.scrollHeight <= {reason}.clientHeight")
+
+    await look(console, seen, width_px)
+
+
 async def test_an_abort_is_followed_until_all_are_down(console: Console) -> None:
     def seen(feed: FakeFeed) -> None:
         page = feed.page

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from tests.ports import free_port
+from wil_campaign.plugins.depth_cameras.depth_grabber import GrabbedDepth, GrabbedReadings
 from wil_campaign.plugins.depth_cameras.realsense import open_realsense, realsense_fault
 from wil_campaign.plugins.depth_cameras.rtp_depth import (
     DepthLines,
@@ -113,9 +114,10 @@ def round_mm(reading: DepthReading) -> Any:
     return np.round(seen * 1000.0).astype(np.uint16)
 
 
-def packets(values: Any, stamp: int, *, lines_each: int = 2) -> list[bytes]:
+def packets(values: Any, stamp: int, *, lines_each: int = 2, sender: int = 7) -> list[bytes]:
     """Return an image's packets, of whole lines, the last one marked."""
-    made, (height, width) = [], values.shape
+    made: list[bytes] = []
+    height, width = values.shape
     for first in range(0, height, lines_each):
         lines = range(first, min(first + lines_each, height))
         heads = b"".join(
@@ -124,7 +126,7 @@ def packets(values: Any, stamp: int, *, lines_each: int = 2) -> list[bytes]:
         )
         pixels = b"".join(values[line].astype(">u2").tobytes() for line in lines)
         is_last = 0x80 if lines[-1] == height - 1 else 0
-        head = struct.pack(">BBHII", 0x80, is_last | 96, first, stamp, 7)
+        head = struct.pack(">BBHII", 0x80, is_last | 96, first, stamp, sender)
         made.append(head + b"\0\0" + heads + pixels)
     return made
 
@@ -147,6 +149,49 @@ def test_an_image_with_a_lost_line_is_never_handed_on() -> None:
     unended = [lines.receive(one) for one in (*packets(values, 300)[:2], packets(values, 400)[0])]
     assert unended[2] is not None
     assert "16 of 24" in unended[2].why, "its last packet was lost"
+
+
+class Sent:
+    """A DepthGrabber of packets that were sent."""
+
+    def __init__(self, sent: list[bytes]) -> None:
+        self._sent = iter(sent)
+        self._lines = DepthLines(width_px=4, height_px=6)
+
+    def open(self) -> None:
+        pass
+
+    def grab(self) -> GrabbedDepth | None:
+        packet = next(self._sent, None)
+        if packet is not None:
+            return self._lines.receive(packet)
+        threading_pause(1)
+        return None
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(("sender", "stamp"), [(8, 90_000), (8, 899_000), (7, 6000)])
+async def test_a_sender_that_starts_anew_is_followed_and_counted(sender: int, stamp: int) -> None:
+    values = np.arange(1, 25).reshape(6, 4)
+    before = (packets(values, 900_000 + 6000 * k) for k in range(3))
+    after = (packets(values, stamp + 6000 * k, sender=sender) for k in range(5))
+    sent = Sent([packet for image in (*before, *after) for packet in image])
+    asked = request("rtp://0.0.0.0:5600", camera=Intrinsics.from_fov(4, 6, 1.2), stall_s=5.0)
+    async with GrabbedReadings(request=asked, grabber=sent, remedy="") as live:
+        found = [await anext(live) for _ in range(8)]
+    assert [one.seq for one in found] == list(range(8))
+    assert (live.counts.damaged, live.counts.restarts) == (0, 1)
+
+
+def test_an_image_that_later_ones_overtook_is_counted_once() -> None:
+    values = np.arange(1, 25).reshape(6, 4)
+    lines = DepthLines(width_px=4, height_px=6)
+    sent = [*packets(values, 12_000), *packets(values, 6000), *packets(values, 18_000)]
+    results = [one for one in map(lines.receive, sent) if one is not None]
+    assert [one.depth_m is not None for one in results] == [True, False, True]
+    assert "after those of a later image" in results[1].why
 
 
 INTERLACED = struct.pack(">BBHIIHHHH", 0x80, 96, 1, 1, 7, 0, 8, 0x8001, 0) + bytes(8)

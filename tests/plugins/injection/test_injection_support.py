@@ -6,7 +6,6 @@ import pytest
 
 from wil_campaign.plugins.injection.injection_support import injection_faults
 from wil_campaign.plugins.injection.rules import InjectionKind
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.setpoints import Setpoints
 
 THINGS: tuple[InjectionKind, ...] = typing.get_args(InjectionKind)
@@ -52,7 +51,7 @@ NEVER = {
 }
 
 
-def mode_for(autopilot: AutopilotName, thing: InjectionKind) -> str:
+def mode_for(autopilot: str, thing: InjectionKind) -> str:
     modes = {
         ("ardupilot", "landing_target"): "LAND",
         ("px4", "landing_target"): "PRECLAND",
@@ -67,7 +66,7 @@ def mode_for(autopilot: AutopilotName, thing: InjectionKind) -> str:
     ("autopilot", "parameters"), [("ardupilot", ARDUPILOT_READY), ("px4", PX4_READY)]
 )
 def test_a_vehicle_that_is_set_up_honours_all_that_it_can(
-    autopilot: AutopilotName, parameters: dict[str, float], thing: InjectionKind
+    autopilot: str, parameters: dict[str, float], thing: InjectionKind
 ) -> None:
     setpoints: Setpoints = "position" if thing == "path_planning" else "velocity"
     mode = mode_for(autopilot, thing)
@@ -80,7 +79,7 @@ def test_a_vehicle_that_is_set_up_honours_all_that_it_can(
     ("autopilot", "parameters"), [("ardupilot", ARDUPILOT_READY), ("px4", PX4_READY)]
 )
 def test_the_advised_settings_make_an_injection_used(
-    autopilot: AutopilotName, parameters: dict[str, float], thing: InjectionKind
+    autopilot: str, parameters: dict[str, float], thing: InjectionKind
 ) -> None:
     setpoints: Setpoints = "position" if thing == "path_planning" else "velocity"
     mode = mode_for(autopilot, thing)

@@ -14,7 +14,6 @@ from wil_campaign.foundation.files.documents import parse
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.plugins.injection.injection_setups import InjectionSetup
 from wil_campaign.plugins.injection.injector import Injector, ScenePoses
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.readings import LidarScanReading, PoseReading, RangefinderReading
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.world_file.world import World
@@ -55,9 +54,7 @@ def pose(t_s: float, velocity: tuple[float, float, float] | None = None) -> Pose
     return PoseReading(t_s, t_s, "real", Pose((1.0, 2.0, -3.0)), velocity, seq=0)
 
 
-def injector(
-    context: FakeStation, *injections: InjectionSetup, autopilot: AutopilotName = "px4"
-) -> Injector:
+def injector(context: FakeStation, *injections: InjectionSetup, autopilot: str = "px4") -> Injector:
     world = World.parse(parse(WORLD.encode(), name="world.yaml"))
     return Injector(
         context=cast("VehicleContext", context),

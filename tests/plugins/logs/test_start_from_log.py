@@ -10,11 +10,12 @@ from mcap_ros2.writer import Writer
 from tests.orchestrator.conftest import Fly
 from tests.plugins.logs.logs_of_flights import CORNERS, EPOCH_S, FRAME, flown, write_tlog
 from wil_campaign.orchestrator.cli import main
+from wil_campaign.plugins.ardupilot.copter.data_flash import DataFlash
 from wil_campaign.plugins.logs.course import course_of
 from wil_campaign.plugins.logs.log_reader import read_log
 from wil_campaign.plugins.logs.logged_flight import LogError, LoggedFlight, TrackPoint
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parameters
-from wil_campaign.vehicles.embedded.autopilot.services.log_formats import DataFlash, ULog
+from wil_campaign.vehicles.embedded.autopilot.services.log_formats import ULog
 from wil_campaign.vehicles.embedded.physics.states import Motion
 
 Capture = pytest.CaptureFixture[str]

@@ -133,13 +133,17 @@ def test_a_pose_that_comes_late_or_twice_is_dropped() -> None:
     assert feed.statistics("drone").out_of_order == 2
 
 
-def test_a_sender_that_starts_anew_is_followed() -> None:
+@pytest.mark.parametrize("number", [3, 100_000])
+def test_a_sender_that_starts_anew_is_followed(number: int) -> None:
     feed = capture()
-    feed.receive(packed(100_000, 5000.0), 1.0)
+    feed.receive(packed(number, 5000.0), 1.0)
     (reading,) = feed.receive(packed(0, 0.0), 2.0)
     assert reading.t_s == pytest.approx(1.996)
     (reading,) = feed.receive(packed(1, 0.01), 2.01)
     assert reading.t_s == pytest.approx(2.006)
+    (reading,) = feed.receive(packed(0, 5.0), 3.0)
+    assert reading.t_s == pytest.approx(2.996), "its clock is the machine's"
+    assert feed.statistics("drone").restarts == 2
 
 
 def test_bodies_are_distinguished() -> None:

@@ -43,7 +43,7 @@ def acknowledgement(link: Any, command: int) -> int:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"autopilot": "px5"}, "there is no mock 'px5': use px4 or ardupilot"),
+        ({"autopilot": "px5"}, "there is no autopilot 'px5'"),
         ({"profile": "caeg"}, "no profile 'caeg'"),
         ({"speed": 0}, "speed: "),
         ({"system_id": 300}, "system_id: "),

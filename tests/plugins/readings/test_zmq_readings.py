@@ -211,3 +211,16 @@ async def test_missing_readings_are_counted_and_repeated_ones_are_not_used(
     found = [await anext(live) for _ in range(3)]
     assert (live.counts.missed, live.counts.damaged) == (2, 1)
     assert [one.t_s for one in found] == pytest.approx([51.0, 51.1, 51.2])
+
+
+@pytest.mark.parametrize("t_s", [1.4, -8.0])
+async def test_a_sender_that_starts_anew_is_followed(publisher: Publisher, t_s: float) -> None:
+    live = source(publisher)
+    for number, (seq, sent_s) in enumerate(
+        ((90, 10.0), (91, 10.1), (0, 9.0 + t_s), (1, 9.1 + t_s))
+    ):
+        live.receive(msgpack.packb(message("rangefinder", seq, sent_s)), 50.0 + 0.1 * number)
+    with pytest.raises(BadMessageError, match="`seq` 0 arrived after 1"):
+        live.receive(msgpack.packb(message("rangefinder", 0, 9.0 + t_s)), 50.5)
+    assert (live.counts.restarts, live.counts.missed, live.counts.damaged) == (1, 0, 0)
+    assert [(await anext(live)).seq for _ in range(4)] == [0, 1, 2, 3]

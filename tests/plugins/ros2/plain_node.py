@@ -23,6 +23,7 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 IMAGE = "sensor_msgs/msg/Image"
 ODOMETRY = "nav_msgs/msg/Odometry"
 TWIST = "geometry_msgs/msg/TwistStamped"
+TEXT = "std_msgs/msg/String"
 MAVROS = ("/mavros/setpoint_velocity/cmd_vel", "/mavros/local_position/odom")
 DOMAIN = os.environ.get("ROS_DOMAIN_ID", "0")
 
@@ -262,11 +263,13 @@ def main(behaviour: str) -> int:
         old = f"@ros2_lv/{DOMAIN}/1/0/1/MS/%/%/old/%odom/nav_msgs::msg::dds_::Odometry_"
         token = node.session.liveliness().declare_token(f"{old}/RIHS01_0/::,:,:,:,,")
         node.spin(lambda: token is None)
-    if behaviour in {"straight", "crash", "looks", "mavros"}:
+    if behaviour in {"straight", "crash", "looks", "stays", "mavros"}:
         names = MAVROS if behaviour == "mavros" else ("/cmd_vel", "/odom")
-        is_crash, is_look = behaviour == "crash", behaviour == "looks"
+        is_crash, is_look = behaviour == "crash", behaviour in {"looks", "stays"}
         straight = StraightFlight(node, crashes=is_crash, looks=is_look, topics=names)
-        node.spin(lambda: straight.done)
+        done = node.publisher("/wil/done", TEXT)
+        stays = behaviour == "stays"
+        node.spin(lambda: straight.done and (not stays or done(of(TEXT, "there")) is not None))
         sys.stdout.write(f"flew to {os.environ['WIL_GOAL']} as {os.environ['WIL_VEHICLE']}\n")
         return 0
     if behaviour == "px4":

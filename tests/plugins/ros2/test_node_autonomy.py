@@ -72,7 +72,12 @@ class FakeWire:
     def close(self) -> None: ...
 
 
+PRINTED = "; the node python3 node.py printed last: its last line"
+
+
 class FakeNode:
+    name = "python3 node.py"
+
     def __init__(self) -> None:
         self.exit_code: int | None = None
 
@@ -182,6 +187,7 @@ def test_the_newest_of_a_thousand_setpoints_a_second_flies() -> None:
     assert rig.act(11.0).setpoint == VelocitySetpoint((0.0, 999.0, 0.0))
     assert rig.inbox.topics["/cmd_vel"].received == 1000
     assert rig.inbox.topics["/cmd_vel"].used == 1
+    assert rig.inbox.topics["/cmd_vel"].refused == 0, "newer ones replaced the others"
 
 
 @pytest.mark.parametrize(("late_s", "text"), [(-3.0, "3.0 s old"), (3.0, "3.0 s ahead of /clock")])
@@ -193,13 +199,16 @@ def test_setpoints_from_another_time_fail_the_node_in_the_end(late_s: float, tex
         assert rig.act(t_s).setpoint == STILL
     with pytest.raises(AutonomyFault, match=text):
         rig.act(15.1)
+    assert rig.inbox.topics["/cmd_vel"].refused == 99, "the first came before its goal"
 
 
 def test_a_node_that_says_nothing_fails() -> None:
     rig = Rig(NodeRules(silent_s=2.0))
     rig.act(10.0)
     rig.act(12.0)
-    with pytest.raises(AutonomyFault, match=r"no setpoint that can be used for 2\.1 s: it publ"):
+    with pytest.raises(
+        AutonomyFault, match=r"no setpoint that can be used for 2\.1 s: it publ.*" + PRINTED
+    ):
         rig.act(12.1)
 
 
@@ -242,7 +251,7 @@ def test_two_publishers_of_setpoints_are_named() -> None:
 def test_a_publisher_is_known_before_it_says_anything() -> None:
     rig = Rig()
     rig.inbox.receive(InMessage("/cmd_vel", "geometry_msgs/msg/Twist", None, "a"))
-    assert rig.inbox.topics["/cmd_vel"].received == 0
+    assert rig.inbox.topics["/cmd_vel"].received == rig.inbox.topics["/cmd_vel"].refused == 0
     assert len(rig.inbox.troubles()) == 1
 
 
@@ -378,7 +387,7 @@ def test_setpoints_of_other_times_are_no_answers() -> None:
 def test_an_answer_to_an_earlier_message_of_the_same_time_is_none() -> None:
     rig = barrier_rig(within_s=0.2)
     rig.send(10.0, 1.0, 0.0, 0.0)
-    with pytest.raises(AutonomyFault, match=r"copy header\.stamp of the message"):
+    with pytest.raises(AutonomyFault, match=rf"copy header\.stamp of the message.*{PRINTED}"):
         rig.act(10.0)
 
 
@@ -413,7 +422,7 @@ def test_a_node_that_no_longer_subscribes_is_waited_for() -> None:
 def test_a_node_that_stays_and_no_longer_subscribes_fails() -> None:
     rig = barrier_rig(within_s=0.1)
     rig.wire.subscribed.clear()
-    with pytest.raises(AutonomyFault, match="no longer subscribes to /odom"):
+    with pytest.raises(AutonomyFault, match=f"no longer subscribes to /odom.*{PRINTED}"):
         rig.act(10.0)
 
 

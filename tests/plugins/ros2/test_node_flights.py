@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
+import pytest
 import yaml
 from rosbags.rosbag2 import Reader
 
@@ -48,9 +49,13 @@ def test_a_node_flies_through_the_gate(fly_run: Fly) -> None:
     assert "saw the gate in" in (folder / "twin-node.log").read_text("utf-8")
 
 
-def test_a_node_flies_the_same_way_twice(fly_run: Fly) -> None:
-    """It answers images and odometry, and its speed depends on all of them and on their order."""
-    sets = (node("looks", "/camera/image_raw, /odom"), STRAIGHT)
+@pytest.mark.parametrize("behaviour", ["looks", "stays"])
+def test_a_node_flies_the_same_way_twice(fly_run: Fly, behaviour: str) -> None:
+    """It answers images and odometry, and its speed depends on all of them and on their order.
+
+    It ends by itself, or says that it is done, and takes its time to end with the run.
+    """
+    sets = (node(behaviour, "/camera/image_raw, /odom"), STRAIGHT)
     flown = [fly_run(mode="sim", sets=sets, has_cameras=False) for _ in range(2)]
     for result, _ in flown:
         assert result.verdict == "PASS", result.reason

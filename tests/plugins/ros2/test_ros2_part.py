@@ -52,6 +52,11 @@ def node_file(tmp_path: Path, text: str) -> Path:
             "{command: [sh], barrier: {topics: [/lidar/scan]}}",
             "nothing is published on '/lidar/scan'",
         ),
+        (
+            "{command: [sh], topics: {/cmd_vell: /a}}",
+            "is no topic of the run, so it cannot be renamed or left out; did you mean '/cmd_vel'",
+        ),
+        ("{command: [sh], topics: {/camera/image: /rgb}}", "'/camera/image' is no topic of the"),
         ("{command: [sh], topics: {/odom: null}, needs: [/odom]}", "published on '/odom'"),
         ("{command: [sh], px4_msgs: no}", "name the folder of px4_msgs, of the release"),
         ("{command: [sh], px4_msgs: bad}", "the definition of px4_msgs/msg/VehicleStatus is none"),

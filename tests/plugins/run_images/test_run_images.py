@@ -10,7 +10,10 @@ from PIL import Image
 from tests.orchestrator.report.recorded_campaign import GOAL_S, TOUCHED_S, write_campaign
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
-from wil_campaign.plugins.run_images.card import SIZE_PX
+from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.report.reading.run_reader import read_run
+from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
+from wil_campaign.plugins.run_images.card import SIZE_PX, draw_card
 from wil_campaign.plugins.run_images.drawing import SUBJECTS, VERDICTS, Sheet
 from wil_campaign.plugins.run_images.image_writer import write_card, write_moving_picture
 from wil_campaign.plugins.run_images.recorded_images import (
@@ -18,6 +21,7 @@ from wil_campaign.plugins.run_images.recorded_images import (
     most_mixed,
     read_images,
 )
+from wil_campaign.vehicles.perception.depth_colors import depth_scale
 
 
 @pytest.fixture
@@ -84,6 +88,16 @@ def test_a_run_without_images_has_a_card_and_no_moving_picture(folder: Path) -> 
     assert write_card(folder).stat().st_size > 1000
     with pytest.raises(ResultsFolderError, match="no images of large/wil/1"):
         write_moving_picture(folder)
+
+
+def test_colours_of_depths_have_their_scale_on_the_card(folder: Path) -> None:
+    campaign = read_campaign(folder)
+    run = read_run(folder, campaign.entries[0], ImageSize.for_runs(1))
+    nearest: tuple[int, int, int] = tuple(depth_scale(1, 1)[0, 0, ::-1].tolist())
+    for is_depth in (False, True):
+        images = ImagesAtTime(0.0, {}, is_depth)
+        draw_card(run, "gate", images).image.save(folder / "card.png")
+        assert has_colour(folder / "card.png", nearest) is is_depth
 
 
 def test_an_unknown_run_and_one_without_a_folder_are_named(folder: Path) -> None:

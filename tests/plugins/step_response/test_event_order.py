@@ -12,7 +12,7 @@ from wil_campaign.plugins.step_response.event_order import (
     OrderRow,
     order_rows,
 )
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Target
+from wil_campaign.vehicles.autopilots.autopilot import Target
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.mavlink.codec import Codec
 
@@ -38,7 +38,7 @@ AS_FLOWN = [
 ]
 
 
-def beyond(events: list[Occurrence], autopilot: AutopilotName = "px4") -> dict[str, OrderRow]:
+def beyond(events: list[Occurrence], autopilot: str = "px4") -> dict[str, OrderRow]:
     return {row.name: row for row in order_rows(events, autopilot) if row.beyond}
 
 
@@ -76,9 +76,7 @@ def test_disarming_before_the_ground_is_seen() -> None:
     ("autopilot", "file"),
     [("px4", "px4-1.18-offboard.json"), ("ardupilot", "arducopter-4.7-guided.json")],
 )
-def test_the_firmware_s_own_trace_has_the_order_that_is_expected(
-    autopilot: AutopilotName, file: str
-) -> None:
+def test_the_firmware_s_own_trace_has_the_order_that_is_expected(autopilot: str, file: str) -> None:
     trace = EventTrace(autopilot=autopilot_named(autopilot), target=Target(1))
     golden = json.loads((TRACES / file).read_text("utf-8"))
     for _, _, base_mode, custom_mode, status in golden["modes"]:

@@ -2,12 +2,12 @@
 
 from typing import Any
 
+from wil_campaign.plugins.ardupilot.strategy import ArduCopter
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.commands import Operate
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings, ToVehicle
 from wil_campaign.safety.guard.core.guard_core import GuardCore
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
 from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode, Target, command_long
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.mavlink.codec import Codec

@@ -21,7 +21,7 @@ from wil_campaign.vehicles.autopilots.autopilot import Target
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
-from wil_campaign.vehicles.embedded.physics.config import AutopilotKind, EmbeddedConfig
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.poses.truth import TruthSample
@@ -29,7 +29,7 @@ from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 Cause = Literal["abort", "bring_down", "killed"]
 CAUSES: tuple[Cause, ...] = ("abort", "bring_down", "killed")
-KINDS: dict[str, AutopilotKind] = {"real": "px4", "twin": "ardupilot"}
+KINDS: dict[str, str] = {"real": "px4", "twin": "ardupilot"}
 ALTITUDE_M = 1.5
 FENCE_NORTH_M = 6.0
 FASTEST_LANDING_S = 30.0

@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.px4_modes import px4_custom_mode
-from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
+from wil_campaign.plugins.ardupilot.strategy import ArduCopter
 from wil_campaign.vehicles.autopilots.autopilot import (
     Autopilot,
     MessageRate,

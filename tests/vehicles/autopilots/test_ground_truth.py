@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
+from wil_campaign.plugins.ardupilot.strategy import ArduCopter
 from wil_campaign.vehicles.autopilots.autopilot import Autopilot, TelemetryRates
 from wil_campaign.vehicles.autopilots.ground_truth import GroundTruthError
 from wil_campaign.vehicles.autopilots.px4 import Px4

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.vehicles.autopilots.map_projections import ArduPilotProjection, Px4Projection
+from wil_campaign.plugins.ardupilot.simulated_truth import ArduPilotProjection
+from wil_campaign.vehicles.autopilots.map_projections import Px4Projection
 from wil_campaign.worlds.geodesy import LocalFrame
 
 ZURICH = (47.397742, 8.545594)

@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Mode, Target, command_long
+from wil_campaign.vehicles.autopilots.autopilot import Mode, Target, command_long
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
@@ -74,7 +74,7 @@ ENDS = ("landed", "returned", "disarmed in the air", "told to land once more")
 """Who ends every second flight, one after the other: a guard, a pilot, a ground station."""
 
 
-def _end(autopilot: AutopilotName, end: str) -> Any:
+def _end(autopilot: str, end: str) -> Any:
     """Return what somebody else commands a flying vehicle, which ends its flight."""
     target = Target(1, 1)
     if end == "disarmed in the air":
@@ -85,7 +85,7 @@ def _end(autopilot: AutopilotName, end: str) -> Any:
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_ten_flights_in_a_row_of_which_somebody_else_ends_every_second(
-    autopilot: AutopilotName,
+    autopilot: str,
 ) -> None:
     async def fly() -> int:
         ours, theirs = memory_pair(latency_s=0.002)

@@ -10,8 +10,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.autopilots.test_ground_truth import hil_state, sim_state
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, AutopilotName, Target
+from wil_campaign.plugins.ardupilot.strategy import ArduCopter
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.clocks.timesync import VehicleClock
 from wil_campaign.vehicles.driver import Driver
@@ -200,7 +200,7 @@ def test_truth_without_a_listener_is_not_taken() -> None:
 Script = Callable[[Driver], Awaitable[None]]
 
 
-def _flown(autopilot: AutopilotName) -> tuple[list[EstimateSample], list[TruthSample]]:
+def _flown(autopilot: str) -> tuple[list[EstimateSample], list[TruthSample]]:
     """Fly up and away; return the ground truth that the driver received, and the physics'."""
     received: list[EstimateSample] = []
     true: list[TruthSample] = []
@@ -230,7 +230,7 @@ def _flown(autopilot: AutopilotName) -> tuple[list[EstimateSample], list[TruthSa
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_the_embedded_vehicles_send_it_as_their_firmwares_do(autopilot: AutopilotName) -> None:
+def test_the_embedded_vehicles_send_it_as_their_firmwares_do(autopilot: str) -> None:
     received, true = _flown(autopilot)
     history = PoseHistory(1e3)
     for truth in true:

@@ -7,7 +7,7 @@ from typing import Self
 
 from wil_campaign.foundation.processes.child import ChildProcess, how_it_ended
 from wil_campaign.foundation.processes.feed_socket import feed_environment, feed_pair
-from wil_campaign.vehicles.embedded.control.law import load_kernels
+from wil_campaign.vehicles.embedded.emulations import load_kernels
 from wil_campaign.vehicles.embedded.process.embedded_launch import FeedClient
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 from wil_campaign.vehicles.links.link import LinkError

@@ -69,6 +69,29 @@ def test_one_sender_on_a_bad_link_is_one(
     assert len(own) + len(others) >= len(sent) - 12  # the last may still be held
 
 
+@settings(max_examples=60)
+@given(
+    seed=st.integers(0, 10**6),
+    apart=st.integers(9, 40),
+    lost=st.floats(0.0, 0.3),
+    period_s=st.sampled_from([0.005, 0.01, 0.04]),
+)
+def test_one_sender_whose_frames_overtake_many_others_is_one(
+    seed: int, apart: int, lost: float, period_s: float
+) -> None:
+    """Half of them are late by up to so many numbers, as by a radio that repeats what was lost."""
+    rng = random.Random(seed)  # noqa: S311 - repeatable
+    sent = [
+        (t_s + rng.choice([0.0, rng.uniform(0.0, apart * period_s)]), who, frame)
+        for t_s, who, frame in frames("a", 1500, first=rng.randrange(256), period_s=period_s)
+        if rng.random() >= lost
+    ]
+    sequence, own, others = split(sent)
+    assert not sequence.are_two
+    assert len({*own, *others}) == len(own) + len(others) >= len(sent) - 60  # may still be held
+    assert len(others) <= 0.05 * len(sent)
+
+
 @pytest.mark.parametrize("gap", [9, 40, 128, 200, 255, 256])
 @pytest.mark.parametrize("outage_s", [0.05, 0.3, 5.0])
 def test_outage_holds_up_nothing_for_long(gap: int, outage_s: float) -> None:

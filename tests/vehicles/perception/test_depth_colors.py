@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 
-from wil_campaign.vehicles.perception.depth_colors import color_depth
+from wil_campaign.vehicles.perception.depth_colors import FAR_M, color_depth, depth_scale
 
 
 def test_near_and_far_differ_and_unmeasured_depth_is_far() -> None:
@@ -18,3 +18,10 @@ def test_near_and_far_differ_and_unmeasured_depth_is_far() -> None:
     assert np.all(image[1] == far)
     assert np.all(image[0, 3] == far)
     assert len({tuple(pixel) for pixel in image[0, :3].tolist()}) == 3
+
+
+def test_the_scale_has_the_colours_of_its_depths() -> None:
+    scale = depth_scale(201, 2)
+    assert scale.shape == (2, 201, 3)
+    for column, depth_m in ((0, 0.0), (50, 5.0), (200, FAR_M)):
+        assert (scale[:, column] == color_depth(np.full((2, 1), depth_m, np.float32))[:, 0]).all()

@@ -94,7 +94,7 @@ PHASE_DEPENDENT = {
 async def flown(autopilot: str) -> Any:
     near, far = memory_pair(latency_s=0.003)
     profile = load_profile("px4-sih" if autopilot == "px4" else "ardupilot-sitl")
-    config = EmbeddedConfig(autopilot=autopilot, profile=profile, full_streams=True)  # type: ignore[arg-type]  # a literal
+    config = EmbeddedConfig(autopilot=autopilot, profile=profile, full_streams=True)
     fly = SCRIPT.fly_px4 if autopilot == "px4" else SCRIPT.fly_copter
     async with EmbeddedVehicle(config=config, link=near, seed=1):
         return await fly(far)

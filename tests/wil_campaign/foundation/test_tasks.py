@@ -153,3 +153,14 @@ def test_a_contained_exception_is_reported_and_ctrl_c_is_not_contained() -> None
             raise KeyboardInterrupt
 
     assert faults_of(main) == [("KeyError", "a listener")]
+
+
+def test_what_is_to_be_finished_is_given_up_with_its_loop() -> None:
+    """A second interrupt breaks a loop off; Python then closes the coroutines that it left."""
+    with asyncio.Runner() as runner:
+        loop = runner.get_loop()
+        landing = finish(asyncio.sleep(600.0), name="landing")
+        task = loop.create_task(landing)
+        runner.run(asyncio.sleep(0.0))
+        landing.close()
+        assert not task.done()

@@ -1,17 +1,16 @@
-"""The autopilot's own fence: uploads and reads back its areas; the parameters that enable it.
+"""The autopilot's own fence: uploads and reads back its areas.
 
-Items 5000 to 5004: https://mavlink.io/en/services/mission.html#fence. Parameters: AC_Fence of
-ArduPilot (FENCE_*), geofence_params.c of PX4 (GF_*).
+Items 5000 to 5004: https://mavlink.io/en/services/mission.html#fence.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.autopilots.autopilot import FenceAction
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver.onboard.mission_protocol import (
     ItemList,
     MissionError,
@@ -30,14 +29,8 @@ from wil_campaign.vehicles.mavlink.fence_areas import (
     fence_areas,
 )
 
-FenceAction = Literal["report", "hold", "land", "rtl"]
-
 _POLYGON_COMMANDS = {inside: command for command, inside in POLYGONS.items()}
 _CIRCLE_COMMANDS = {inside: command for command, inside in CIRCLES.items()}
-_ARDUPILOT_ACTIONS: dict[FenceAction, int] = {"report": 0, "rtl": 1, "land": 2, "hold": 4}
-_PX4_ACTIONS: dict[FenceAction, int] = {"report": 1, "hold": 2, "rtl": 3, "land": 5}
-_ALTITUDE_BIT, _AREAS_BIT = 1, 4
-"""FENCE_TYPE: the highest altitude; polygons and circles."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +43,12 @@ class AutopilotFence:
     areas: tuple[FenceArea, ...] = ()
     ceiling_m: float | None = None
     action: FenceAction = "land"
+
+    def parameters(self, autopilot: str) -> dict[str, ParameterValue]:
+        """Return the parameters that make an autopilot enforce the fence, in the order to set."""
+        return autopilot_named(autopilot).fence_parameters(
+            has_areas=bool(self.areas), ceiling_m=self.ceiling_m, action=self.action
+        )
 
     def __post_init__(self) -> None:
         if not self.areas and self.ceiling_m is None:
@@ -68,32 +67,6 @@ def fence_items(areas: Sequence[FenceArea]) -> tuple[MissionItem, ...]:
             command, count = _POLYGON_COMMANDS[area.inside], float(len(area.corners))
             items += [_item(command, count, each) for each in area.corners]
     return tuple(items)
-
-
-def fence_parameters(autopilot: AutopilotName, fence: AutopilotFence) -> dict[str, ParameterValue]:
-    """Return the parameters that make an autopilot enforce a fence, in the order to set.
-
-    Bounds come before the parameters that enable them, so that none is breached in between in
-    flight; restored in reverse order, the fence is off before its bounds change.
-    """
-    if autopilot == "px4":
-        # GF_MAX_*_DIST are distances from home; 0 is off.
-        return {
-            "GF_MAX_HOR_DIST": 0.0,
-            "GF_MAX_VER_DIST": fence.ceiling_m or 0.0,
-            "GF_ACTION": _PX4_ACTIONS[fence.action],
-        }
-    kinds = (_AREAS_BIT if fence.areas else 0) | (_ALTITUDE_BIT if fence.ceiling_m else 0)
-    parameters: dict[str, ParameterValue] = {}
-    if fence.ceiling_m is not None:
-        parameters["FENCE_ALT_MAX"] = fence.ceiling_m
-    return parameters | {
-        # Avoidance keeps this distance from the fence, 2 m by default: too much in a hall.
-        "FENCE_MARGIN": 0.0,
-        "FENCE_TYPE": kinds,
-        "FENCE_ACTION": _ARDUPILOT_ACTIONS[fence.action],
-        "FENCE_ENABLE": 1,
-    }
 
 
 class FenceProtocol:

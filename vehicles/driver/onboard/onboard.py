@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, AutopilotName
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot
 from wil_campaign.vehicles.driver.onboard.fence_protocol import FenceProtocol
 from wil_campaign.vehicles.driver.onboard.gps_receiver import GpsReceiver
 from wil_campaign.vehicles.driver.onboard.mission_protocol import MissionProtocol
@@ -10,8 +10,6 @@ from wil_campaign.vehicles.driver.onboard.parameters import Parameters
 from wil_campaign.vehicles.driver.onboard.vehicle_logs import VehicleLogs
 from wil_campaign.vehicles.driver.session.identity import Identity
 from wil_campaign.vehicles.driver.session.session import Session
-
-_LOG_SUFFIX: dict[AutopilotName, str] = {"px4": ".ulg", "ardupilot": ".bin"}
 
 
 class Onboard:
@@ -38,8 +36,8 @@ class Onboard:
         """Set the vehicle's identity, and how its autopilot stores onboard data."""
         self.parameters.use_bytewise(autopilot.parameters_bytewise)
         self.parameters.use_identity(f"{autopilot.name} {identity.system_id} {identity.uid}")
-        self.missions.use_home_first(autopilot.name == "ardupilot")
+        self.missions.use_home_first(autopilot.missions_begin_at_home)
         # PX4 numbers its logs as readdir() returns their files (mavlink_log_handler.cpp).
         self.logs.use_format(
-            _LOG_SUFFIX[autopilot.name], numbered_in_order=autopilot.name == "ardupilot"
+            autopilot.log_suffix, numbered_in_order=autopilot.logs_numbered_in_order
         )

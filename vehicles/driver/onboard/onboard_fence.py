@@ -13,7 +13,6 @@ from types import TracebackType
 from typing import Self
 
 from wil_campaign.foundation.tasks import finish
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile
 from wil_campaign.vehicles.driver.onboard.disk_access import access_disk, remove_backup
 from wil_campaign.vehicles.driver.onboard.fence_backup import back_up_fence, unwritten
@@ -21,7 +20,6 @@ from wil_campaign.vehicles.driver.onboard.fence_protocol import (
     AutopilotFence,
     FenceProtocol,
     fence_items,
-    fence_parameters,
 )
 from wil_campaign.vehicles.driver.onboard.mission_protocol import MissionError, MissionItem
 from wil_campaign.vehicles.driver.onboard.parameter_backup import ParameterBackup, ParameterValue
@@ -42,7 +40,7 @@ class OnboardFence:
         *,
         fences: FenceProtocol,
         parameters: Parameters,
-        autopilot: AutopilotName,
+        autopilot: str,
         backup_folder: Path | None = None,
     ) -> None:
         self._fences = fences
@@ -110,8 +108,8 @@ class OnboardFence:
         if self._original_items is None:
             self._original_items = await self._fences.items()
             self._stack.push_async_exit(partial(self._restore_fence, self._original_items))
-        present = {} if self.fence is None else fence_parameters(self._autopilot, self.fence)
-        wanted = {**fence_parameters(self._autopilot, fence), **(also or {})}
+        present = {} if self.fence is None else self.fence.parameters(self._autopilot)
+        wanted = {**fence.parameters(self._autopilot), **(also or {})}
         changes = {name: value for name, value in wanted.items() if present.get(name) != value}
         context = self._parameters.changed(changes, backup_folder=self._backup_folder)
         self._offered = (fence, context)

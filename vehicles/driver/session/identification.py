@@ -5,7 +5,7 @@ from typing import Any, Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target, names_board
 from wil_campaign.vehicles.driver.session.conditions import ConditionWaiter
 from wil_campaign.vehicles.driver.session.identity import (
     Identity,
@@ -13,7 +13,6 @@ from wil_campaign.vehicles.driver.session.identity import (
     describe_mismatches,
     identity_of,
     matching_vehicle,
-    names_board,
     unsupported_version,
 )
 from wil_campaign.vehicles.driver.session.session import Handler, Sender, Session

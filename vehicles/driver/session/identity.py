@@ -6,15 +6,17 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.autopilots.autopilot import Autopilot, AutopilotName, Target
-from wil_campaign.vehicles.autopilots.registry import MULTICOPTERS, autopilot_of
+from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target, names_board
+from wil_campaign.vehicles.autopilots.registry import (
+    MULTICOPTERS,
+    autopilot_named,
+    autopilot_of,
+    strategies,
+)
 from wil_campaign.vehicles.driver.session.session import ReceivedHeartbeat, Sender
 from wil_campaign.vehicles.mavlink.names import enum_name
 
-_OLDEST: dict[AutopilotName, tuple[int, int]] = {"ardupilot": (4, 3), "px4": (1, 14)}
-"""PX4 1.14 and ArduCopter 4.3 support what the strategies use; tested are 1.18 and 4.7."""
 _AUTOPILOT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
-_PX4_SITL_UID = 0x4954414C44494E4F
 _RELEASES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 """FIRMWARE_VERSION_TYPE, the lowest byte of flight_sw_version."""
 
@@ -30,7 +32,7 @@ class Identity:
     none.
     """
 
-    autopilot: AutopilotName
+    autopilot: str
     system_id: int
     component_id: int
     vehicle_type: str
@@ -70,7 +72,7 @@ def identity_of(
         git_hash=_git_hash(bytes(version.flight_custom_version)),
         uid=uid2.hex() if any(uid2) else f"{version.uid:016x}",
         capabilities=version.capabilities,
-        simulation=_is_simulation(autopilot.name, version, target.system, is_simulated),
+        simulation=autopilot.is_simulation(version, target.system, shows_it=is_simulated),
         board=_board_text(version),
     )
 
@@ -79,12 +81,12 @@ def identity_of(
 class Wanted:
     """The vehicle that is wanted on a link; None for any."""
 
-    autopilot: AutopilotName | None = None
+    autopilot: str | None = None
     system_id: int | None = None
 
     def __str__(self) -> str:
         """Return the wanted identity in words."""
-        which = f"{self.autopilot or 'PX4 or ArduPilot'} multicopter"
+        which = f"{self.autopilot or _known()} multicopter"
         return which if self.system_id is None else f"{which} with system id {self.system_id}"
 
 
@@ -108,7 +110,7 @@ def matching_vehicle(
 
 def unsupported_version(identity: Identity) -> str:
     """Return in words that an autopilot's version is too old; empty when it is supported."""
-    oldest = _OLDEST[identity.autopilot]
+    oldest = autopilot_named(identity.autopilot).oldest_version
     if identity.version[:2] >= oldest or identity.version == (0, 0, 0):
         return ""
     return (
@@ -143,14 +145,19 @@ def _describe_mismatch(target: Target, received: ReceivedHeartbeat, wanted: Want
         return f"{sender} is a ground station"
     if strategy is None:
         autopilot = enum_name("MAV_AUTOPILOT", received.autopilot)
-        return f"{sender} is a {kind} with {autopilot}, which is neither PX4 nor ArduPilot"
+        return f"{sender} is a {kind} with {autopilot}, which is not {_known()}"
     return f"{sender} {_describe_own_kind(target, received, strategy.name, wanted)}"
 
 
+def _known() -> str:
+    """Return the autopilots that we can fly, in words."""
+    return " or ".join(strategy.label for strategy in strategies().values())
+
+
 def _describe_own_kind(
-    target: Target, received: ReceivedHeartbeat, name: AutopilotName, wanted: Wanted
+    target: Target, received: ReceivedHeartbeat, name: str, wanted: Wanted
 ) -> str:
-    """Return in words why a received PX4 or ArduPilot is not the wanted one."""
+    """Return in words why a received vehicle of a known autopilot is not the wanted one."""
     kind = _type_name(received.vehicle_type)
     if received.vehicle_type not in MULTICOPTERS:
         return f"is a {kind} of {name}, and only multicopters are supported"
@@ -166,14 +173,6 @@ def _describe_own_kind(
     return f"is a {kind} of {name}"
 
 
-def names_board(version: Any) -> bool:
-    """Return whether an AUTOPILOT_VERSION has a board's ids, which no simulation has.
-
-    ArduPilot for boards with Linux (Navio2) has none either.
-    """
-    return bool(version.board_version or version.vendor_id)
-
-
 def _board_text(version: Any) -> str:
     """Return the board's ids in an identity's AUTOPILOT_VERSION; empty where it names none."""
     if not names_board(version):
@@ -182,16 +181,6 @@ def _board_text(version: Any) -> str:
         f"vendor {version.vendor_id:04x}, product {version.product_id:04x}, board "
         f"{version.board_version:x}"
     )
-
-
-def _is_simulation(
-    autopilot: AutopilotName, version: Any, system_id: int, is_simulated: bool
-) -> bool:
-    """Return whether a vehicle's identity is that of a simulation; unknown counts as hardware."""
-    if autopilot == "ardupilot":
-        return is_simulated and not names_board(version)
-    # PX4 adds the system id minus one (mavlink_main.cpp).
-    return bool(version.uid in {_PX4_SITL_UID, _PX4_SITL_UID + system_id - 1})
 
 
 def _type_name(vehicle_type: int) -> str:

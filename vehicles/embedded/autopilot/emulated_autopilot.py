@@ -2,8 +2,9 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -33,15 +34,14 @@ from wil_campaign.vehicles.embedded.autopilot.services.fence_items import (
     emulated_fence,
 )
 from wil_campaign.vehicles.embedded.autopilot.services.file_service import FileService
-from wil_campaign.vehicles.embedded.autopilot.services.log_formats import DataFlash, ULog
+from wil_campaign.vehicles.embedded.autopilot.services.log_formats import LogWriter
 from wil_campaign.vehicles.embedded.autopilot.services.log_service import FlightLogs
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import INFO, Outbox
-from wil_campaign.vehicles.embedded.autopilot.services.parameter_file import PATH as PARAMETER_FILE
-from wil_campaign.vehicles.embedded.autopilot.services.parameter_file import parameter_file
 from wil_campaign.vehicles.embedded.autopilot.services.parameter_service import ParameterService
 from wil_campaign.vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.vehicles.embedded.physics.battery import Charge
+from wil_campaign.vehicles.embedded.physics.body import Body
 from wil_campaign.vehicles.mavlink.fence_areas import FenceItemError
 from wil_campaign.vehicles.poses.truth import Thrusts
 from wil_campaign.worlds.jit import F64
@@ -57,13 +57,17 @@ _LONGEST_INTERVAL_US = 2**31 - 1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Aircraft:
-    """What an emulated autopilot flies. overrides: of its parameters. dt_s: of a physics step."""
+    """What an emulated autopilot flies. overrides: of its parameters. dt_s: of a physics step.
+
+    full_streams: whether it sends all streams of the firmware, not only those that a run needs.
+    """
 
     identity: Identity
     airframe: Airframe
     dt_s: float
     charge: Charge
     overrides: Mapping[str, float]
+    full_streams: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,7 +79,7 @@ class Firmware:
     the checks refuse. set_mode_ack: what acknowledges SET_MODE. gps_time_s: when the GPS receiver
     has the time of day, s since boot. numbers_texts: gives each STATUSTEXT an id. bytewise: an
     integer parameter's bits travel in the float field. strict_parameters: see
-    `ParameterService`. serves_parameters: has a file of its parameters. heights_relative: reads the
+    `ParameterService`. files: served over MAVLink, by path. heights_relative: reads the
     height of a command by its frame, not always as above mean sea level.
     """
 
@@ -83,7 +87,7 @@ class Firmware:
     parameter_file: Path
     bytewise: bool
     strict_parameters: bool
-    serves_parameters: bool
+    files: Mapping[str, Callable[[Parameters], bytes]]
     item_rules: ItemRules
     first_mission_item: int
     mode_entries: tuple[discovery.ModeEntry, ...]
@@ -92,7 +96,7 @@ class Firmware:
     set_mode_ack: int
     heights_relative: bool
     numbers_texts: bool
-    log_format: type[DataFlash | ULog]
+    log_format: Callable[[int, Parameters], LogWriter]
     first_log: int
     gps_time_s: float
 
@@ -104,6 +108,8 @@ class EmulatedAutopilot(ABC):
     are in `outbox`. Times are the vehicle's own clock, s since start.
     """
 
+    name: ClassVar[str]
+    """Of the autopilot, in campaigns."""
     builders: ClassVar[dict[int, telemetry.Builder]]
     style: ClassVar[FlightStyle]
     firmware: ClassVar[Firmware]
@@ -130,9 +136,7 @@ class EmulatedAutopilot(ABC):
             go_to=self._go_to_item,
         )
         self.files = FileService(
-            {PARAMETER_FILE: lambda: parameter_file(parameters)}
-            if firmware.serves_parameters
-            else {}
+            {path: partial(content, parameters) for path, content in firmware.files.items()}
         )
         self.logs = FlightLogs(
             send=self.outbox.send,
@@ -154,6 +158,10 @@ class EmulatedAutopilot(ABC):
         """When a ground station's heartbeat was last received."""
 
     # What differs between the autopilots.
+
+    def fly(self, body: Body) -> None:
+        """Fly a body: its simulator's ground truth is the body's."""
+        self.state.simulator = lambda: body.truth
 
     @abstractmethod
     def supervise(self) -> None:

@@ -7,12 +7,7 @@ from types import MappingProxyType
 
 import yaml
 
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
-
-_FILES: dict[AutopilotName, str] = {
-    "px4": "px4/px4_parameters.yaml",
-    "ardupilot": "copter/copter_parameters.yaml",
-}
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
 
 
 @cache
@@ -40,18 +35,18 @@ def unused_rows(file: Path) -> Mapping[str, float | None]:
     )
 
 
-def unused_parameters(autopilot: AutopilotName) -> Mapping[str, float | None]:
+def unused_parameters(autopilot: str) -> Mapping[str, float | None]:
     """Return `unused_rows` of an embedded autopilot."""
-    return unused_rows(Path(__file__).parent.joinpath(_FILES[autopilot]))
+    return unused_rows(autopilot_named(autopilot).embedded_parameters)
 
 
-def default_parameters(autopilot: AutopilotName) -> Mapping[str, float]:
+def default_parameters(autopilot: str) -> Mapping[str, float]:
     """Return the parameters of an embedded autopilot with their defaults, by name."""
-    rows = parameter_rows(Path(__file__).parent.joinpath(_FILES[autopilot]))
+    rows = parameter_rows(autopilot_named(autopilot).embedded_parameters)
     return {name: value for name, (_, value) in rows.items()}
 
 
 @cache
-def known_parameters(autopilot: AutopilotName) -> frozenset[str]:
+def known_parameters(autopilot: str) -> frozenset[str]:
     """Return the names of the parameters that an embedded autopilot has."""
-    return frozenset(parameter_rows(Path(__file__).parent.joinpath(_FILES[autopilot])))
+    return frozenset(parameter_rows(autopilot_named(autopilot).embedded_parameters))

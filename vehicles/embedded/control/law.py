@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from wil_campaign.vehicles.embedded.control import copter_kernel, px4_kernel
+from wil_campaign.vehicles.embedded.control import px4_kernel
 from wil_campaign.vehicles.embedded.control.kernels import (
     AIRFRAME,
     GAINS,
@@ -17,13 +17,6 @@ from wil_campaign.vehicles.embedded.control.kernels import (
 )
 from wil_campaign.vehicles.embedded.control.target import Target
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
-from wil_campaign.vehicles.embedded.physics.motion_kernel import (
-    BODY_NUMBERS,
-    NUMBERS,
-    estimate,
-    read,
-    read_and_estimate,
-)
 from wil_campaign.vehicles.poses.truth import Thrusts
 from wil_campaign.worlds.frames import Vec3
 from wil_campaign.worlds.jit import F64, direct
@@ -79,29 +72,6 @@ PX4 = LawKind(
     (113.1, 113.1, 13.3),
     0.15,
 )
-COPTER = LawKind(
-    copter_kernel.step,
-    copter_kernel.GAINS,
-    copter_kernel.DEGREES,
-    copter_kernel.HUNDREDTHS,
-    # Identified from step responses of ArduCopter 4.7: pitch in the step to 0.8 m/s, heading in the
-    # step of 60 degrees; the other segments are not fitted.
-    (500.0, 500.0, 40.0),
-    0.135,
-)
-
-
-def load_kernels() -> None:
-    """Load the kernels of both laws and of the body, or compile them: seconds, once per machine.
-
-    Called before a flight: at liftoff it would block the interpreter for as long.
-    """
-    motion, zero, errors, late = np.zeros(NUMBERS), np.zeros(3), np.zeros(9), np.zeros((1, 6))
-    for kind in (PX4, COPTER):
-        kind.step(np.ones(LAW_NUMBERS), motion, 0.004, 1)
-    read(motion, zero, motion)
-    estimate(motion, errors, late, 0, motion)
-    read_and_estimate(np.zeros(BODY_NUMBERS), late, 0)
 
 
 class ControlLaw:

@@ -9,7 +9,6 @@ from wil_campaign.vehicles.embedded.profile import Profile, load_profile
 from wil_campaign.vehicles.readings import Source
 from wil_campaign.worlds.frames import Pose
 
-AutopilotKind = Literal["px4", "ardupilot"]
 Physics = Literal["jsbsim", "compiled"]
 """What moves an embedded vehicle: JSBSim, or our compiled rigid body."""
 
@@ -41,7 +40,7 @@ class EmbeddedConfig:
     for its GPS; None for a GPS without time.
     """
 
-    autopilot: AutopilotKind
+    autopilot: str
     physics: Physics = "jsbsim"
     profile: Profile = field(default_factory=lambda: load_profile("nominal"))
     source: Source = "real"

@@ -19,7 +19,7 @@ from wil_campaign.foundation.processes.clock_socket import InheritedClock
 from wil_campaign.foundation.processes.codec import MessageError
 from wil_campaign.foundation.processes.feed_socket import FeedSocket, inherited_feed
 from wil_campaign.foundation.processes.linux import UnsupportedSystemError, die_with_parent
-from wil_campaign.vehicles.embedded.control.law import load_kernels
+from wil_campaign.vehicles.embedded.emulations import load_kernels
 from wil_campaign.vehicles.embedded.physics.config import ContactWorld
 from wil_campaign.vehicles.embedded.process.feed import (
     FromVehicle,

@@ -6,7 +6,6 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from wil_campaign.vehicles.embedded.physics.config import (
-    AutopilotKind,
     EmbeddedConfig,
     Physics,
 )
@@ -49,7 +48,7 @@ class ProcessSettings(_Part):
     faults: texts of `parse_fault`; their times count from the opening of the link.
     """
 
-    autopilot: AutopilotKind
+    autopilot: str
     link: str
     seed: int
     physics: Physics = "jsbsim"

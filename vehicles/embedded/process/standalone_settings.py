@@ -6,7 +6,6 @@ from pathlib import Path
 
 from wil_campaign.foundation.files.documents import closest, load
 from wil_campaign.vehicles.embedded.autopilot.known_parameters import known_parameters
-from wil_campaign.vehicles.embedded.physics.config import AutopilotKind
 from wil_campaign.vehicles.embedded.physics.contact_world import as_argument
 from wil_campaign.vehicles.embedded.process.process_settings import (
     ContactWorldSettings,
@@ -19,7 +18,7 @@ from wil_campaign.worlds.world_file.world import World
 
 
 def standalone_settings(
-    autopilot: AutopilotKind,
+    autopilot: str,
     link: str,
     *,
     profile: str = "nominal",
@@ -58,7 +57,7 @@ def standalone_settings(
     return settings if world is None else _in_world(settings, world)
 
 
-def check_parameter(autopilot: AutopilotKind, name: str) -> None:
+def check_parameter(autopilot: str, name: str) -> None:
     """Raise ValueError for a parameter that the embedded autopilot does not have."""
     known = known_parameters(autopilot)
     if name not in known:

@@ -47,6 +47,8 @@ class LiveReadings:
         self.complaint = ""
         """Why the last unusable message was refused."""
         self.missed = 0
+        self.restarts = 0
+        """How often the sender's clock or its numbers began anew."""
         self._stall_s = stall_s
         self._waiting: deque[Reading] = deque()
         self._arrived = asyncio.Event()
@@ -59,7 +61,9 @@ class LiveReadings:
     @property
     def counts(self) -> SourceCounts:
         """Return the counts of the live source's readings so far."""
-        return SourceCounts(self._delivered, self._dropped, self.missed, self._damaged)
+        return SourceCounts(
+            self._delivered, self._dropped, self.missed, self._damaged, self.restarts
+        )
 
     async def __aenter__(self) -> Self:
         """Return the live source; its feed is opened by others."""

@@ -6,10 +6,12 @@ import io
 import os
 import signal
 import subprocess
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from wil_campaign.foundation.clocks.paced_loop import call_wall_later, wall_timeout
+from wil_campaign.foundation.clocks.virtual_loop import VirtualLoop
 from wil_campaign.foundation.processes.fork_server import ForkedProcess, ForkServer
 from wil_campaign.foundation.processes.identity import ProcessId, group_lives
 from wil_campaign.foundation.processes.linux import exit_descriptor
@@ -231,7 +233,13 @@ class ChildProcess:
                 os.killpg(self._process.pid, number)
 
     async def _all_gone(self, within_s: float) -> bool:
-        """Return whether every process of the child's group ends within a time."""
+        """Return whether every process of the child's group ends within a time.
+
+        A virtual clock holds meanwhile: how fast a process ends is a matter of the machine.
+        """
+        loop = asyncio.get_running_loop()
+        if isinstance(loop, VirtualLoop):
+            return await loop.run_in_executor(None, self._await_gone, within_s)
         with contextlib.suppress(TimeoutError):
             async with wall_timeout(within_s):
                 await self._ended.wait()
@@ -239,6 +247,15 @@ class ChildProcess:
                     await asyncio.sleep(_POLL_S)
                 return True
         return False
+
+    def _await_gone(self, within_s: float) -> bool:
+        """Wait in a thread for the end of the child's group, which the loop reaps."""
+        until_s = time.monotonic() + within_s
+        while self.running or (self.pid is not None and group_lives(self.pid)):
+            if time.monotonic() >= until_s:
+                return False
+            time.sleep(_POLL_S)
+        return True
 
     def _on_exit(self) -> None:
         """Reap the child, or await its exit code (called by the loop when it has ended)."""

@@ -48,6 +48,15 @@ STUDY = {"campaigns": {"gate": "gate.yaml"}}
         ),
         ({}, {"versions": {"wil-campaign": "2"}}, ["wil-campaign was 1, now it is 2"]),
         (
+            {"plugins": {"sonar": "wil-sonar 1.2"}},
+            {"plugins": {"sonar": "wil-sonar 1.3", "farm": "farm 1"}},
+            [
+                "the plugin farm was not there, now it is farm 1",
+                "the plugin sonar was wil-sonar 1.2, now it is wil-sonar 1.3",
+            ],
+        ),
+        ({}, {"plugins": {"sonar": "wil-sonar 1.3"}}, []),
+        (
             {},
             {"runs": [{"run": "large/sim/1", "documents": "z"}]},
             ["the files of large/sim/1 changed"],

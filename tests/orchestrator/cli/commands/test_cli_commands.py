@@ -254,6 +254,14 @@ def test_usage_errors_are_reported_on_standard_error(
     assert said.lower() in outcome.err.lower()
 
 
+def test_a_usage_error_says_what_is_needed_and_where_the_help_is(cli: Cli) -> None:
+    assert cli("run").err == "wil-campaign run needs FILE.\nnext: wil-campaign run --help\n"
+    option = cli("run", "x.yaml", "--case").err
+    assert "--case requires an argument" in option
+    assert option.endswith("next: wil-campaign run --help\n")
+    assert cli("rn").err.endswith("next: wil-campaign --help\n")
+
+
 def test_without_a_command_the_help_is_an_error(cli: Cli) -> None:
     outcome = cli()
     assert (outcome.code, outcome.out) == (2, "")

@@ -71,6 +71,17 @@ def test_a_clearance_says_the_worst_value_first() -> None:
     )
 
 
+def test_a_clearance_that_ended_in_contact_says_touched() -> None:
+    oracle = OracleResult(
+        "clearance", "real", True, "FAIL", 0.0, 0.05, "m", -0.05, 15.6, "touched wall.surface"
+    )
+    found = headline_of(touched(), oracle, [], stages=STAGES, at_s=15.5)
+    assert found == (
+        "The real vehicle touched wall.surface (limit 0.05 m, crossed 5.5 s after the goal was "
+        "given)."
+    )
+
+
 def test_a_contact_says_when_and_how_fast() -> None:
     (oracle,) = touched().oracles
     found = headline_of(touched(), oracle, [], stages=STAGES, at_s=14.2, speed_m_s=0.84)

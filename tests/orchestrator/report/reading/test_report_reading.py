@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import shapely
 
 from tests.orchestrator.report.recorded_campaign import (
     FENCE,
@@ -22,6 +23,7 @@ from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
 from wil_campaign.orchestrator.report.campaign_report import write_report
 from wil_campaign.orchestrator.report.model import Frame, LogEvent, RunReport
 from wil_campaign.orchestrator.report.reading.cause import Contact, NearestPass, cause_of, notes_of
+from wil_campaign.orchestrator.report.reading.outlines import ring_of
 from wil_campaign.orchestrator.report.reading.run_reader import read_run
 from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
 from wil_campaign.orchestrator.report.rendering.page import render_run
@@ -124,7 +126,35 @@ def test_clearance_and_margins_are_those_of_the_world_that_was_flown_in(recorded
     assert set(plot_of(run, "registration error")["mixed"].values()) == {2.0}
     (gate,) = run.world.outlines
     assert gate.is_virtual
-    assert len(gate.above_m) == 4
+
+
+def test_an_opening_is_drawn_open_from_above_and_from_the_side(recorded: Path) -> None:
+    (gate,) = run_of(recorded).world.outlines
+    # The gate stands across the path, at north 2 m: its lintel does not close the plan, nor do its
+    # posts the view from the side.
+    above, side = ([shapely.Polygon(one) for one in view] for view in (gate.above_m, gate.side_m))
+    assert not any(one.intersects(shapely.Point(0.0, 2.0)) for one in above)
+    assert not any(one.intersects(shapely.Point(2.0, 1.2)) for one in side)
+    assert shapely.union_all(above).bounds == pytest.approx((-0.6, 1.95, 0.6, 2.05))
+    assert shapely.union_all(side).bounds == pytest.approx((1.95, 0.6, 2.05, 1.8))
+
+
+def test_colours_of_depths_have_their_scale(recorded: Path) -> None:
+    run = run_of(recorded)
+    assert run.sight is not None
+    assert isinstance(run.sight.perceived, Frame)
+    words = "20 m or farther, or no echo"
+    assert words not in render_run(run, anchor="run").html
+    deep = replace(run.sight, perceived=replace(run.sight.perceived, is_depth=True))
+    assert words in render_run(replace(run, sight=deep), anchor="run").html
+
+
+def test_a_hole_is_joined_to_its_outline_by_the_shortest_line() -> None:
+    square = shapely.box(0.0, 0.0, 4.0, 4.0)
+    drawn = ring_of(square.difference(shapely.box(2.5, 1.0, 3.5, 2.0)))
+    filled = shapely.make_valid(shapely.Polygon(drawn))
+    assert shapely.area(filled) == pytest.approx(15.0)
+    assert not filled.contains(shapely.Point(3.0, 1.5))
 
 
 def test_the_fence_drawn_is_that_of_the_moment_and_the_page_says_when_it_changed(
@@ -358,7 +388,7 @@ def test_a_twin_that_dropped_out_and_reported_oracles_are_noted() -> None:
             "The twin dropped out 5.50 s after the goal was given, 0.50 s before the decisive "
             "event: the guard landed it"
         ),
-        "Reported oracles that did not pass: collision of twin FAIL (touched cage.floor)",
+        "Reported only, without a say in the verdict: collision of twin FAIL (touched cage.floor)",
     )
     passed = replace(failed(replace(floor, verdict="PASS")), verdict="PASS")
     assert notes_of(passed, at_s=None, goal_s=2.0) == ()

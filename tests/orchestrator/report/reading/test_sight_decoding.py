@@ -1,14 +1,17 @@
 """Images of a recording on a page: the vehicle whose camera took them."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from tests.orchestrator.mcap_runs import camera
 from wil_campaign.orchestrator.recording.mcap.mcap_encode import Encoder
-from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
-from wil_campaign.orchestrator.report.reading.sight_decoding import _decode
-from wil_campaign.vehicles.readings import Source
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import ImageSettings, RecordingSettings
+from wil_campaign.orchestrator.report.reading.recorded_sights import RecordedSight, RecordedSights
+from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize, decode_sights
+from wil_campaign.vehicles.readings import Drawing, Source
+from wil_campaign.worlds.frames import Pose
 
 
 class Recorded:
@@ -26,5 +29,19 @@ def test_the_vehicle_of_an_image_is_that_of_its_source(source: Source, vehicle: 
     encoder = Encoder(epoch_s=0.0, settings=RecordingSettings())
     image = encoder.encode("camera", camera(1, source))[-1]
     message: Any = Recorded(image.data, image.log_ns)
-    frame: Any = _decode(message, 64, 80, 0)
+    sights = {"camera": [RecordedSight(0.1, message, (), {})]}
+    (seen,) = decode_sights(RecordedSights(sights), ImageSize(64, 64, 80), at_s=None)
+    frame: Any = seen.perceived
     assert frame.view.vehicle == vehicle
+
+
+def test_images_that_cannot_be_drawn_again_are_one_problem_of_the_report() -> None:
+    settings = RecordingSettings(real=ImageSettings(keeps_drawn=False))
+    encoder = Encoder(epoch_s=0.0, settings=settings)
+    drawn = replace(camera(1, "real"), drawing=Drawing(Pose((0.0, 0.0, 0.0))))
+    image = encoder.encode("camera", drawn)[-1]
+    message: Any = Recorded(image.data, image.log_ns)
+    found = RecordedSights({"camera": [RecordedSight(at_s, message, (), {}) for at_s in (1, 2)]})
+    assert decode_sights(found, ImageSize(64, 64, 80), at_s=None) == []
+    (problem,) = found.problems
+    assert problem.endswith("cannot be drawn again: the recording has no world")

@@ -21,6 +21,7 @@ from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.live_feed.feed_messages import EventView, ImageView, RunView
 from wil_campaign.orchestrator.recording import run_recorder
 from wil_campaign.orchestrator.recording.mcap import mcap_writer
+from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
 from wil_campaign.orchestrator.recording.mcap.mcap_file import ChunkedFile
 from wil_campaign.orchestrator.recording.run_video import make_video
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
@@ -474,3 +475,28 @@ def test_a_formula_that_cannot_hold_any_more_lands_the_run(fly_run: Fly) -> None
     assert judged.margin is not None
     assert judged.margin < 0.0
     assert all_landed(folder)
+
+
+def test_a_flight_that_is_interrupted_twice_leaves_no_thread_and_whole_files(
+    fly_run: Fly, tmp_path: Path
+) -> None:
+    """The second interrupt breaks off the landing that the first one began."""
+
+    def interrupt(_: Pair, __: RunState) -> None:
+        def interrupted() -> None:
+            raise KeyboardInterrupt
+
+        for at_s in (6.0, 6.1):
+            asyncio.get_running_loop().call_later(at_s, interrupted)
+
+    with pytest.raises(KeyboardInterrupt):
+        fly_run(mode="sim", sets=BRIEF, disturb=interrupt)
+    assert [one.name for one in threading.enumerate() if str(tmp_path) in one.name] == []
+    writers = [one for one in threading.enumerate() if one.name.startswith(("writer", "recorder"))]
+    for writer in writers:
+        writer.join(10.0)
+    assert [one.name for one in writers if one.is_alive()] == []
+    recording = RecordStream(tmp_path / "run1" / "run.mcap")
+    assert list(recording)
+    assert recording.end is not None
+    assert recording.end.whole

@@ -26,7 +26,6 @@ from wil_campaign.plugins.injection.injections import (
     prove_injection,
 )
 from wil_campaign.safety.fence.geofence import Fence
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.onboard.fence_backup import back_up_fence
 from wil_campaign.vehicles.driver.onboard.vehicle_logs import LogEntry
@@ -101,7 +100,7 @@ class Rig:
 
 
 def with_vehicle(
-    autopilot: AutopilotName,
+    autopilot: str,
     script: Script,
     *,
     params: dict[str, float],
@@ -130,7 +129,7 @@ def with_vehicle(
     [("ardupilot", "GUID_TIMEOUT", 3.0), ("px4", "COM_OF_LOSS_T", 1.0)],
 )
 def test_parameters_that_the_campaign_sets_are_set_back(
-    autopilot: AutopilotName, name: str, before: float
+    autopilot: str, name: str, before: float
 ) -> None:
     async def script(rig: Rig) -> None:
         onboard = rig.onboard()
@@ -225,9 +224,7 @@ def test_parameters_that_a_killed_run_left_are_set_back_by_the_next_run() -> Non
 
 @pytest.mark.parametrize("settled", [True, False])
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
-def test_an_attached_vehicle_has_its_own_fence_again(
-    autopilot: AutopilotName, settled: bool
-) -> None:
+def test_an_attached_vehicle_has_its_own_fence_again(autopilot: str, settled: bool) -> None:
     bounds: dict[str, Any] = {"east_m": (-4, 4), "up_m": (-1, 9)}
     first = Fence.box(north_m=(-5, 5), **bounds)
     second = Fence.box(north_m=(-2, 3), east_m=(-1, 1), up_m=(-1, 4))
@@ -275,7 +272,7 @@ def test_an_attached_vehicle_has_its_own_fence_again(
     ],
 )
 def test_a_vehicle_that_may_still_be_in_the_air_is_restored_by_the_next_start(
-    autopilot: AutopilotName, name: str, ceiling: str, settled: bool
+    autopilot: str, name: str, ceiling: str, settled: bool
 ) -> None:
     bounds: dict[str, Any] = {"east_m": (-4, 4), "up_m": (-1, 9)}
 

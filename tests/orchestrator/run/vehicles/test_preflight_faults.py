@@ -19,11 +19,10 @@ from wil_campaign.orchestrator.run.vehicles.preflight_checks import Preflight
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
+from wil_campaign.plugins.ardupilot.copter import copter_telemetry
+from wil_campaign.plugins.ardupilot.copter.copter_core import CopterCore
 from wil_campaign.safety.preflight import Item
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
-from wil_campaign.vehicles.embedded.autopilot.copter import copter_telemetry
-from wil_campaign.vehicles.embedded.autopilot.copter.copter_core import CopterCore
 from wil_campaign.vehicles.embedded.autopilot.px4 import px4_telemetry
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_core import Px4Core
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
@@ -278,7 +277,7 @@ def test_an_override_is_reported_at_the_end(fly_run: Fly) -> None:
 def test_a_simulator_that_does_not_say_where_its_vehicle_is(
     fly_run: Fly,
     monkeypatch: pytest.MonkeyPatch,
-    autopilot: AutopilotName,
+    autopilot: str,
     built: Any,
     said: str,
 ) -> None:

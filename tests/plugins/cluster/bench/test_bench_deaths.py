@@ -237,7 +237,7 @@ def test_ctrl_c_at_the_bench_lands_the_run_and_ends_the_server(
         assert bench.process.wait(60.0) == 0
         (lost,) = flown.summary.runs
         assert flown.summary.not_flown == ()
-        assert (lost.verdict, flown.exit_code) == ("ABORTED", 4)
+        assert (lost.verdict, flown.exit_code) == ("ABORTED", 4), (lost.reason, bench.shown)
         assert lost.reason == "aborted by Ctrl-C at the terminal of bench hall-a"
         assert ledger(flown.folder) == ["begun", "ordered", "ended"]
         assert stages(flown.folder / "default/real/1")[-2:] == ["landed", "end"]

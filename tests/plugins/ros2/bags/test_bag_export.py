@@ -15,6 +15,8 @@ from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
 
 from tests.orchestrator.reading.flown_campaign import Flight
+from tests.orchestrator.recording.test_recorded_images import FACTS, drawn
+from tests.orchestrator.recording.test_recorded_images import recorded as recorded_without_images
 from tests.plugins.ros2.messages.test_ros_messages import READINGS
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.cli import main
@@ -148,6 +150,30 @@ def test_an_image_has_the_recordings_bytes_unless_it_is_to_be_decoded(tmp_path: 
     assert bytes(image.data) == pixels.tobytes()
     assert "/camera/image_raw/compressed" not in raw
     assert raw["/camera/camera_info"][0].header.frame_id == image.header.frame_id
+
+
+def test_an_image_that_is_drawn_again_is_encoded_as_it_would_have_been_recorded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flown, campaign = drawn(side="real"), json.dumps({"record": {"quality": 70}})
+    recorded_without_images(
+        tmp_path / "run.mcap", flown, {**FACTS, "mode": "real", "campaign": campaign}
+    )
+    assert export(tmp_path, tmp_path / "flight.mcap") == 0
+    for before, after in zip(
+        flown, decoded(tmp_path / "flight.mcap")["/camera/image_raw/compressed"], strict=True
+    ):
+        jpeg = cv2.imencode(".jpg", before.image_bgr, [cv2.IMWRITE_JPEG_QUALITY, 70])[1]
+        assert bytes(after.data) == jpeg.tobytes()
+    assert export(tmp_path, tmp_path / "raw.mcap", "--decode") == 0
+    raw = decoded(tmp_path / "raw.mcap")["/camera/image_raw"]
+    assert [bytes(image.data) for image in raw] == [one.image_bgr.tobytes() for one in flown]
+
+    without = tmp_path / "without.mcap"
+    recorded_without_images(without, flown, {"mode": "real"})
+    assert export(without, tmp_path / "none.mcap") == 2
+    assert "cannot be drawn again: the recording has no world" in capsys.readouterr().err
+    assert not (tmp_path / "none.mcap").exists()
 
 
 def test_poses_are_transforms_and_odometry_in_the_frames_of_ros(tmp_path: Path) -> None:

@@ -427,7 +427,8 @@ def flown_as(folder: Path, **manifest: Any) -> Path:
     """Write ten passes; manifest: what differs from GATE and FILES."""
     write_flown(folder, flights("a", "wil", "P" * 10, TEN), with_motion=False)
     path = folder / "campaign.json"
-    plain = {"file": "gate.yaml", "document": GATE, "files": FILES}
+    plugins = {"sonar": "wil-sonar 1.2"}
+    plain = {"file": "gate.yaml", "document": GATE, "files": FILES, "plugins": plugins}
     path.write_text(json.dumps({**json.loads(path.read_text()), **plain, **manifest}))
     return folder
 
@@ -507,6 +508,10 @@ def test_flights_by_other_settings_are_no_good_comparison(
             'also changed: oracles.link was null, now it is {"max_gap_s": 1}\n',
         ),
         ({"versions": {"wil-campaign": "2"}}, "also changed: wil-campaign was "),
+        (
+            {"plugins": {"sonar": "wil-sonar 1.3"}},
+            "also changed: the plugin sonar was wil-sonar 1.2, now it is wil-sonar 1.3\n",
+        ),
         (
             {
                 "document": {**GATE, "description": "another text", "repetitions": 10},

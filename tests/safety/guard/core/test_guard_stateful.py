@@ -12,13 +12,13 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
+from wil_campaign.plugins.ardupilot.strategy import ArduCopter
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.commands import Alive, BringDown, Operate
 from wil_campaign.safety.guard.core.contingency import Phase
 from wil_campaign.safety.guard.core.events import GuardedVehicle, ToVehicle
 from wil_campaign.safety.guard.core.guard_core import GuardCore
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
-from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
 from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Mode, Target, command_long
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.mavlink.codec import Codec

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.safety.guard.guard_rigs import DRIVER
+from wil_campaign.plugins.ardupilot.strategy import ArduCopter
 from wil_campaign.safety.fence.areas import Circle
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.fence.stopping import Motion
@@ -20,7 +21,6 @@ from wil_campaign.safety.guard.core.setpoint_frames import read_setpoint, rewrit
 from wil_campaign.safety.guard.core.setpoint_limiter import SetpointLimiter
 from wil_campaign.safety.guard.core.setpoint_limits import SetpointLimits
 from wil_campaign.safety.model.samples import PoseSample
-from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
 from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.mavlink.codec import Codec

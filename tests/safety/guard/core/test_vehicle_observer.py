@@ -6,9 +6,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.px4_modes import px4_custom_mode
+from wil_campaign.plugins.ardupilot.strategy import ArduCopter
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
 from wil_campaign.safety.guard.core.vehicle_observer import ObservedVehicle
-from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
 from wil_campaign.vehicles.autopilots.autopilot import Autopilot, Target
 from wil_campaign.vehicles.autopilots.px4 import Px4
 from wil_campaign.vehicles.mavlink.codec import Codec

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from functools import partial
 from pathlib import Path
 from threading import get_ident
@@ -28,6 +29,7 @@ from tests.safety.guard.remote_rigs import (
     until,
     words,
 )
+from wil_campaign.foundation.clocks.paced_loop import PacedLoop
 from wil_campaign.foundation.processes.identity import ProcessId
 from wil_campaign.plugins.doctor.machine import granted_to_guard
 from wil_campaign.safety.fence.geofence import Fence
@@ -508,3 +510,14 @@ def test_a_runtime_folder_too_deep_for_sockets_is_passed_over(
     folder = open_runtime_folder().path
     assert folder.name == f"wil-campaign-{os.getuid()}"
     assert len(str(folder)) < 72
+
+
+def test_the_last_ticks_do_not_wait_for_a_clock_that_stands_still() -> None:
+    async def ends_s(within_s: float) -> float:
+        began_s = time.monotonic()
+        await guard_process.last_ticks(within_s)
+        return time.monotonic() - began_s
+
+    for speed, within_s, at_least_s in ((1e-9, 0.05, 0.05), (1.0, 60.0, 0.1)):
+        with asyncio.Runner(loop_factory=partial(PacedLoop, speed)) as runner:
+            assert at_least_s <= runner.run(ends_s(within_s)) < 30.0

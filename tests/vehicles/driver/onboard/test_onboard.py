@@ -16,7 +16,7 @@ from pyulog import ULog
 
 from tests.ports import free_port
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Target
+from wil_campaign.vehicles.autopilots.autopilot import Target
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.onboard.fence_protocol import AutopilotFence
 from wil_campaign.vehicles.driver.onboard.mission_protocol import (
@@ -68,9 +68,7 @@ def _words(value: Impairment | int) -> str:
     return str(value) if isinstance(value, int) else "good" if value == GOOD else "bad"
 
 
-def _on_board(
-    autopilot: AutopilotName, script: Script, *, bad: Impairment = GOOD, seed: int = 1
-) -> Any:
+def _on_board(autopilot: str, script: Script, *, bad: Impairment = GOOD, seed: int = 1) -> Any:
     async def fly() -> Any:
         ours, theirs = memory_pair(latency_s=0.003)
         link = ImpairedLink(link=ours, outgoing=bad, incoming=bad, rng=np.random.default_rng(seed))
@@ -163,14 +161,14 @@ async def _everything(driver: Driver, vehicle: EmbeddedVehicle) -> None:
     ("bad", "seed"), [(GOOD, 1), *((BAD, seed) for seed in (1, 2, 3, 4))], ids=_words
 )
 def test_fence_mission_and_parameters_are_written_and_read_back(
-    autopilot: AutopilotName, bad: Impairment, seed: int
+    autopilot: str, bad: Impairment, seed: int
 ) -> None:
     _on_board(autopilot, _everything, bad=bad, seed=seed)
 
 
 @BOTH
 async def test_fence_mission_and_parameters_work_over_udp_on_the_wall_clock(
-    autopilot: AutopilotName, tmp_path: Path
+    autopilot: str, tmp_path: Path
 ) -> None:
     port = free_port()
     ours = open_link(parse_link(f"udpin://127.0.0.1:{port}"))
@@ -197,7 +195,7 @@ def _write_log(vehicle: EmbeddedVehicle, *, seconds: float) -> None:
 
 @BOTH
 def test_a_fence_that_leaves_home_out_is_refused_or_keeps_it_on_the_ground(
-    autopilot: AutopilotName,
+    autopilot: str,
 ) -> None:
     async def script(driver: Driver, vehicle: EmbeddedVehicle) -> None:
         fences = driver.onboard.fences
@@ -216,7 +214,7 @@ def test_a_fence_that_leaves_home_out_is_refused_or_keeps_it_on_the_ground(
 
 
 @BOTH
-def test_the_fence_that_was_there_is_there_again(autopilot: AutopilotName) -> None:
+def test_the_fence_that_was_there_is_there_again(autopilot: str) -> None:
     async def script(driver: Driver, vehicle: EmbeddedVehicle) -> None:
         fences = driver.onboard.fences
         await fences.upload((AROUND,))
@@ -245,7 +243,7 @@ def test_a_fence_is_set_back_when_its_parameters_are_refused() -> None:
 @BOTH
 @pytest.mark.parametrize(("bad", "seed"), [(GOOD, 1), (BAD, 1), (BAD, 2)], ids=_words)
 def test_logs_of_a_flight_are_whole(
-    autopilot: AutopilotName, tmp_path: Path, bad: Impairment, seed: int
+    autopilot: str, tmp_path: Path, bad: Impairment, seed: int
 ) -> None:
     async def script(driver: Driver, vehicle: EmbeddedVehicle) -> tuple[Path, bytes]:
         assert await driver.onboard.logs.list() == ()

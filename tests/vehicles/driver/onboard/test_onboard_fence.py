@@ -14,7 +14,6 @@ import pytest
 
 from tests.vehicles.driver.onboard.slow_disks import SlowDisk, end_threads
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.onboard import disk_access, onboard_fence
 from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile
@@ -81,7 +80,7 @@ def files(folder: Path) -> int:
     return len(list(folder.iterdir()))
 
 
-def with_vehicle(autopilot: AutopilotName, script: Script) -> None:
+def with_vehicle(autopilot: str, script: Script) -> None:
     async def run() -> None:
         ours, theirs = memory_pair(latency_s=0.003)
         link = ImpairedLink(
@@ -100,7 +99,7 @@ def with_vehicle(autopilot: AutopilotName, script: Script) -> None:
 
 
 @BOTH
-def test_a_fence_that_is_put_back_is_as_before_the_offer(autopilot: AutopilotName) -> None:
+def test_a_fence_that_is_put_back_is_as_before_the_offer(autopilot: str) -> None:
     async def script(rig: Rig) -> None:
         before = rig.parameters
         async with rig.kept() as kept:
@@ -126,7 +125,7 @@ def test_a_fence_that_is_put_back_is_as_before_the_offer(autopilot: AutopilotNam
 @BOTH
 @pytest.mark.parametrize("settled", [True, False])
 def test_the_vehicles_own_fence_is_given_back_after_changes(
-    autopilot: AutopilotName, settled: bool, tmp_path: Path
+    autopilot: str, settled: bool, tmp_path: Path
 ) -> None:
     async def script(rig: Rig) -> None:
         before = rig.parameters
@@ -143,7 +142,7 @@ def test_the_vehicles_own_fence_is_given_back_after_changes(
 
 
 @BOTH
-def test_after_a_kill_all_changes_are_set_back(autopilot: AutopilotName, tmp_path: Path) -> None:
+def test_after_a_kill_all_changes_are_set_back(autopilot: str, tmp_path: Path) -> None:
     async def script(rig: Rig) -> None:
         before = rig.parameters
         kept = rig.kept(tmp_path / "journals")
@@ -167,9 +166,7 @@ def test_after_a_kill_all_changes_are_set_back(autopilot: AutopilotName, tmp_pat
 
 
 @BOTH
-def test_a_fence_that_somebody_drew_since_is_left_alone(
-    autopilot: AutopilotName, tmp_path: Path
-) -> None:
+def test_a_fence_that_somebody_drew_since_is_left_alone(autopilot: str, tmp_path: Path) -> None:
     async def script(rig: Rig) -> None:
         fences = rig.driver.onboard.fences
         await rig.kept(tmp_path / "journals").keep(FIRST)
@@ -193,7 +190,7 @@ def test_a_spoilt_note_is_reported(tmp_path: Path) -> None:
 
 
 @BOTH
-def test_a_link_that_is_lost_in_the_middle(autopilot: AutopilotName) -> None:
+def test_a_link_that_is_lost_in_the_middle(autopilot: str) -> None:
     async def script(rig: Rig) -> None:
         kept = rig.kept()
         await kept.keep(FIRST)
@@ -212,7 +209,7 @@ def test_a_link_that_is_lost_in_the_middle(autopilot: AutopilotName) -> None:
 
 
 @BOTH
-def test_an_offer_that_is_cancelled_can_be_put_back(autopilot: AutopilotName) -> None:
+def test_an_offer_that_is_cancelled_can_be_put_back(autopilot: str) -> None:
     async def script(rig: Rig) -> None:
         kept = rig.kept()
         await kept.keep(FIRST)
@@ -230,7 +227,7 @@ def test_an_offer_that_is_cancelled_can_be_put_back(autopilot: AutopilotName) ->
 @BOTH
 @pytest.mark.parametrize("cancelled", [False, True])
 def test_the_loop_runs_on_while_the_disk_takes_the_fences_backup(
-    autopilot: AutopilotName, cancelled: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    autopilot: str, cancelled: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def script(rig: Rig) -> None:
         async with rig.kept(tmp_path) as kept:
@@ -309,7 +306,7 @@ def test_a_disk_that_dies_before_the_fences_backup_is_removed_is_an_error(
 
 @BOTH
 def test_a_backup_that_cannot_be_removed_does_not_keep_the_fence_from_being_put_back(
-    autopilot: AutopilotName, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    autopilot: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A memory card that fails is mounted read-only, in flight."""
 

@@ -5,14 +5,12 @@ from collections.abc import Mapping
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver.onboard.mission_protocol import MissionItem
 from wil_campaign.vehicles.driver.onboard.return_places import (
     height_above_home_m,
     landing_of,
     places_of,
-    rally_limit_m,
-    ways_of_return,
 )
 
 LAND, SPEED = mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_DO_CHANGE_SPEED
@@ -36,9 +34,9 @@ WAYPOINT, START = mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_DO_LAND_START
     ],
 )
 def test_ways_of_return_follow_from_the_parameters(
-    autopilot: AutopilotName, values: Mapping[str, float], ways: set[str]
+    autopilot: str, values: Mapping[str, float], ways: set[str]
 ) -> None:
-    assert ways_of_return(autopilot, values) == ways
+    assert autopilot_named(autopilot).failsafes.ways_of_return(values) == ways
 
 
 def test_items_that_are_places() -> None:
@@ -59,5 +57,7 @@ def test_items_that_are_places() -> None:
 
 
 def test_the_limit_of_rally_points_follows_from_its_parameter() -> None:
-    assert rally_limit_m({"RALLY_LIMIT_KM": 0.3}) == 300.0
-    assert rally_limit_m({"RALLY_LIMIT_KM": 0.0}) == rally_limit_m({}) == float("inf")
+    limit_m = autopilot_named("ardupilot").failsafes.rally_limit_m
+    assert limit_m({"RALLY_LIMIT_KM": 0.3}) == 300.0
+    assert limit_m({"RALLY_LIMIT_KM": 0.0}) == limit_m({}) == float("inf")
+    assert autopilot_named("px4").failsafes.rally_limit_m({"RALLY_LIMIT_KM": 0.3}) == float("inf")

@@ -23,7 +23,7 @@ class BareAutopilot:
     """An emulated autopilot that is sent messages; what it answers has been over the wire."""
 
     def __init__(self, autopilot: str, **config: Any) -> None:
-        settings = EmbeddedConfig(autopilot=autopilot, **config)  # type: ignore[arg-type]  # a literal
+        settings = EmbeddedConfig(autopilot=autopilot, **config)
         body = Body(config=settings, seed=1, contact_world=None)
         self.altitude_m = settings.altitude_m
         self.charge = body.battery.charge

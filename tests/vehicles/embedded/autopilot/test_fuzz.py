@@ -16,7 +16,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
-from wil_campaign.vehicles.embedded.autopilot.copter.copter import ArduCopter
+from wil_campaign.plugins.ardupilot.copter.copter import ArduCopter
 from wil_campaign.vehicles.embedded.autopilot.px4.px4 import Px4
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import marked
 

@@ -8,13 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.vehicles.embedded.autopilot.copter.copter_core import CopterCore
+from wil_campaign.plugins.ardupilot.copter.copter_core import LAW as COPTER
+from wil_campaign.plugins.ardupilot.copter.copter_core import CopterCore
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import (
     Parameters,
     load_parameters,
 )
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_core import Px4Core
-from wil_campaign.vehicles.embedded.control.law import COPTER, PX4, ControlLaw, LawKind
+from wil_campaign.vehicles.embedded.control.law import PX4, ControlLaw, LawKind
 from wil_campaign.vehicles.embedded.control.target import Target
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
 from wil_campaign.worlds.jit import F64

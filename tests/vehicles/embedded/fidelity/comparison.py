@@ -9,12 +9,11 @@ from statistics import median
 import numpy as np
 
 from wil_campaign.plugins.step_response.segments import Sample, Series
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 
 _HERE = Path(__file__).parent
 
 
-def load_series(autopilot: AutopilotName) -> Series:
+def load_series(autopilot: str) -> Series:
     """Return the series of one flight of the firmware."""
     flown: Series = {}
     with gzip.open(_HERE / f"{autopilot}.csv.gz", "rt", newline="") as file:

@@ -9,7 +9,7 @@ from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.plugins.step_response.event_order import EventTrace, OrderRow, order_rows
 from wil_campaign.plugins.step_response.flight import StepFlight
 from wil_campaign.plugins.step_response.segments import Series
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName, Target
+from wil_campaign.vehicles.autopilots.autopilot import Target
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig, Physics
@@ -18,11 +18,11 @@ from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.links.tapped import TappedLink
 
-PROFILES: dict[AutopilotName, str] = {"px4": "px4-sih", "ardupilot": "ardupilot-sitl"}
+PROFILES: dict[str, str] = {"px4": "px4-sih", "ardupilot": "ardupilot-sitl"}
 
 
 def fly_steps(
-    autopilot: AutopilotName,
+    autopilot: str,
     profile: str | None = None,
     *,
     physics: Physics = "jsbsim",

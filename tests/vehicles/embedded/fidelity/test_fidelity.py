@@ -15,7 +15,6 @@ from wil_campaign.plugins.step_response.comparison import LIMIT, compare, load_r
 from wil_campaign.plugins.step_response.event_order import OrderRow
 from wil_campaign.plugins.step_response.figures import figures_of
 from wil_campaign.plugins.step_response.segments import Series
-from wil_campaign.vehicles.autopilots.autopilot import AutopilotName
 
 FARTHEST_M = 0.15
 SCATTERS = {"px4": {"back 0.4", "back 0.8", "back 1.5"}, "ardupilot": set()}
@@ -24,7 +23,7 @@ SCATTERS = {"px4": {"back 0.4", "back 0.8", "back 1.5"}, "ardupilot": set()}
 They begin where the stop before ended, and that is where the velocity estimate said so.
 """
 
-Flight = tuple[AutopilotName, Series, list[OrderRow]]
+Flight = tuple[str, Series, list[OrderRow]]
 
 
 FLOWN = [("px4", "jsbsim"), ("ardupilot", "jsbsim"), ("px4", "compiled"), ("ardupilot", "compiled")]

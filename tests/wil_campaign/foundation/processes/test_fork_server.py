@@ -19,7 +19,7 @@ from wil_campaign.foundation.processes import fork_server
 from wil_campaign.foundation.processes.child import ChildProcess, how_it_ended
 from wil_campaign.foundation.processes.feed_socket import feed_environment, feed_pair
 from wil_campaign.foundation.processes.fork_server import UNKNOWN_EXIT, ForkServer
-from wil_campaign.vehicles.embedded.control.law import load_kernels
+from wil_campaign.vehicles.embedded.emulations import load_kernels
 from wil_campaign.vehicles.embedded.process.embedded_launch import FeedClient
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 from wil_campaign.vehicles.vehicle_server_process import (

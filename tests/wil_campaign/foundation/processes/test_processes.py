@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import psutil
 import pytest
 
+from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.foundation.processes import linux
 from wil_campaign.foundation.processes.child import ChildProcess, how_it_ended, run_briefly
 from wil_campaign.foundation.processes.identity import ProcessId, group_lives
@@ -230,3 +231,34 @@ def test_cores_that_a_quota_does_not_grant_are_not_used(
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(64)))
     monkeypatch.setattr(linux, "cpu_quota", lambda: quota)
     assert linux.usable_cores() == cores
+
+
+def test_a_virtual_clock_holds_while_a_child_ends_in_its_time() -> None:
+    program = (
+        "import signal, sys, time\n"
+        "def end(*_):\n"
+        "    time.sleep(0.3)\n"
+        "    sys.exit(7)\n"
+        "signal.signal(signal.SIGTERM, end)\n"
+        "print('ready', file=sys.stderr, flush=True)\n"
+        "time.sleep(60)\n"
+    )
+
+    async def run() -> tuple[float, int | None]:
+        loop = asyncio.get_running_loop()
+        process = child(program)
+        process.start()
+        while "ready" not in process.stderr_tail:  # noqa: ASYNC110 - it sets no event
+            await asyncio.sleep(0.01)
+        ticking = asyncio.create_task(_tick())
+        began_s = loop.time()
+        await process.end()
+        ticking.cancel()
+        return loop.time() - began_s, process.exit_code
+
+    assert run_virtual(run()) == (0.0, 7)
+
+
+async def _tick() -> None:
+    for _ in range(10**9):
+        await asyncio.sleep(0.01)

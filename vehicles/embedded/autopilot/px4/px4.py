@@ -56,8 +56,8 @@ _STICKS_LOST = {1: Px4Mode.HOLD, 2: Px4Mode.RTL, 3: Px4Mode.LAND}
 class Px4(Px4Core):
     """The emulated PX4 over MAVLink: setpoints, commands, missions, failsafes."""
 
-    def __init__(self, aircraft: Aircraft, *, full_streams: bool = False) -> None:
-        super().__init__(aircraft, full_streams=full_streams)
+    def __init__(self, aircraft: Aircraft) -> None:
+        super().__init__(aircraft)
         self._failsafes = Failsafes(self.parameters)
         self._tilt = TiltWatch(
             limit_rad=math.radians(self.parameters["FD_FAIL_R"]), for_s=_TILT_FOR_S

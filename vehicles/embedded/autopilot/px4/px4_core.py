@@ -1,11 +1,11 @@
 """PX4's state machine: readiness, arming, modes, and its reported state."""
 
 import math
-from pathlib import Path
 from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from wil_campaign.vehicles.autopilots.px4 import Px4 as Strategy
 from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft, Firmware
 from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import FlightStyle
@@ -47,12 +47,13 @@ _PREARM_BIT_OFF_S = 0.18
 class Px4Core(MissionAutopilot[Px4Mode]):
     """PX4's modes and arming; the subclass handles setpoints, missions and failsafes."""
 
+    name: ClassVar[str] = Strategy.name
     firmware: ClassVar[Firmware] = Firmware(
         mav_autopilot=mavlink.MAV_AUTOPILOT_PX4,
-        parameter_file=Path(__file__).with_name("px4_parameters.yaml"),
+        parameter_file=Strategy.embedded_parameters,
         bytewise=True,
         strict_parameters=True,
-        serves_parameters=False,
+        files={},
         item_rules=RULES,
         first_mission_item=0,
         mode_entries=ENTRIES,
@@ -72,8 +73,8 @@ class Px4Core(MissionAutopilot[Px4Mode]):
     )
     manoeuvres: Px4Manoeuvres
 
-    def __init__(self, aircraft: Aircraft, *, full_streams: bool) -> None:
-        rates_hz = px4_telemetry.FULL_HZ if full_streams else px4_telemetry.LEAN_HZ
+    def __init__(self, aircraft: Aircraft) -> None:
+        rates_hz = px4_telemetry.FULL_HZ if aircraft.full_streams else px4_telemetry.LEAN_HZ
         super().__init__(aircraft, rates_hz=rates_hz, mode=Px4Mode.HOLD)
         self.manoeuvres = Px4Manoeuvres(self.parameters, self.state)
         self.terminated = False

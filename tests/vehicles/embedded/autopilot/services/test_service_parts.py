@@ -7,6 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from shapely.geometry import Point as ShapelyPoint
 from shapely.geometry import Polygon as ShapelyPolygon
 
+from wil_campaign.plugins.ardupilot.copter.parameter_file import parameter_file
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import Item
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parameters
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import marked, on_command
@@ -20,7 +21,6 @@ from wil_campaign.vehicles.embedded.autopilot.services.fence_items import (
     emulated_fence,
 )
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import Outbox
-from wil_campaign.vehicles.embedded.autopilot.services.parameter_file import parameter_file
 from wil_campaign.vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
 from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle, FencePolygon
 from wil_campaign.worlds.geodesy import LocalFrame

@@ -10,17 +10,20 @@ import shlex
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar, Literal, Self
+
+from pydantic import model_validator
 
 from wil_campaign.foundation.files.paths import is_file, is_folder
-from wil_campaign.vehicles.launch.ardupilot import executable
-from wil_campaign.vehicles.launch.launch_plan import (
-    BootParams,
-    Home,
-    LaunchError,
+from wil_campaign.plugins.firmware.launch_plan import (
     LaunchPlan,
+    PlannedLaunch,
     Port,
+    executable,
     parameter_text,
 )
+from wil_campaign.plugins.firmware.prepared_launch import PreparedLaunch
+from wil_campaign.vehicles.launch import LaunchError, LaunchPart, Pace, Text, beside
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 
 _API_PORT = 14540
@@ -40,38 +43,33 @@ _FATAL = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Px4Launch:
+class Px4Launch(PlannedLaunch):
     """The launch of PX4 from `build` (build/px4_sitl_default) or the container `image`.
 
-    model: its PX4_SIM_MODEL. speed: its PX4_SIM_SPEED_FACTOR; PX4 multiplies its own time-outs by
-    it. Instances beyond ten would share one port. params: boot parameters.
+    model: its PX4_SIM_MODEL. pace: its PX4_SIM_SPEED_FACTOR; PX4 multiplies its own time-outs by
+    it. Instances beyond ten would share one port.
     """
+
+    label: ClassVar[str] = "PX4 SITL"
+    instances: ClassVar[int] = 10
+    pace_key: ClassVar[str] = "speed"
 
     build: Path | None = None
     image: str | None = None
     model: str = "sihsim_quadx"
-    speed: float = 1.0
-    home: Home | None = None
-    params: BootParams = ()
 
     def __post_init__(self) -> None:
         if (self.build is None) == (self.image is None):
             raise ValueError("PX4 is launched from a build folder or from an image: give one")
 
-    @property
-    def label(self) -> str:
-        """Return the PX4 launch's name in messages."""
-        return "PX4 SITL"
-
-    @property
-    def instances(self) -> int:
-        """Return how many PX4 instances port numbers allow."""
-        return 10
+    def prepare(self, *, folder: Path, system_id: int) -> PreparedLaunch:
+        """Reserve the folder and an instance of the simulator. Raises LaunchError."""
+        return PreparedLaunch(launch=self, folder=folder, system_id=system_id)
 
     def check(self) -> None:
         """Raise LaunchError when PX4's build folder, or docker, is missing."""
-        if not 0.0 < self.speed <= 100.0:
-            raise LaunchError(f"PX4 SITL: speed {self.speed} is not within 0 to 100")
+        if not 0.0 < self.pace <= 100.0:
+            raise LaunchError(f"PX4 SITL: speed {self.pace} is not within 0 to 100")
         if self.build is None:
             self._docker()
             return
@@ -145,7 +143,7 @@ class Px4Launch:
     def _environment(self) -> dict[str, str]:
         variables = {
             "PX4_SIM_MODEL": self.model,
-            "PX4_SIM_SPEED_FACTOR": f"{self.speed:g}",
+            "PX4_SIM_SPEED_FACTOR": f"{self.pace:g}",
         }
         if self.home is not None:
             variables |= {
@@ -171,3 +169,37 @@ class Px4Launch:
                 "name a build folder"
             )
         return docker
+
+
+class Px4LaunchPart(LaunchPart):
+    """A vehicle's `launch` of PX4's own simulation: from a `build` folder or an `image`.
+
+    launch: the autopilot whose simulation is started. build: a folder of PX4 that was built for
+    SITL, such as build/px4_sitl_default. image: a container image that holds a PX4 built for SITL.
+    model: PX4's name of the simulated airframe (PX4_SIM_MODEL). speed: how many times real time it
+    simulates, at most 100.
+    """
+
+    name: ClassVar[str] = "px4"
+
+    launch: Literal["px4"]
+    build: Text | None = None
+    image: Text | None = None
+    model: Text = "sihsim_quadx"
+    speed: Pace = 1.0
+
+    @model_validator(mode="after")
+    def _require_exactly_one(self) -> Self:
+        """Require either build or image for launching a PX4 vehicle."""
+        if (self.build is None) == (self.image is None):
+            raise ValueError("give the build folder, or the image")
+        return self
+
+    def setup(self, folder: Path) -> Px4Launch:
+        """Return the launch of PX4's simulation."""
+        return Px4Launch(
+            build=None if self.build is None else beside(folder, self.build),
+            image=self.image,
+            model=self.model,
+            pace=self.speed,
+        )

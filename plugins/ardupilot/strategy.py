@@ -1,23 +1,34 @@
 """ArduPilot's ArduCopter 4.5 and later.
 
-Modes: ArduCopter/mode.h (Mode::Number).
+Modes: ArduCopter/mode.h (Mode::Number). Parameters: ArduCopter/Parameters.cpp and events.cpp.
 """
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from wil_campaign.plugins.ardupilot.simulated_truth import ArduPilotProjection, read_sim_state
 from wil_campaign.vehicles.autopilots.autopilot import (
     IGNORE_YAW,
     IGNORE_YAW_RATE,
     Autopilot,
-    AutopilotName,
+    FenceAction,
     Mode,
     Target,
     command_long,
+    names_board,
 )
-from wil_campaign.vehicles.autopilots.ground_truth import GroundTruth, read_sim_state
-from wil_campaign.vehicles.autopilots.map_projections import ArduPilotProjection
+from wil_campaign.vehicles.autopilots.failsafes import (
+    OWN_SYSTEM_ID,
+    SILENT_S,
+    AltitudeParameter,
+    FailsafeRule,
+    Failsafes,
+    ReturnsBy,
+)
+from wil_campaign.vehicles.autopilots.ground_truth import GroundTruth
 from wil_campaign.vehicles.autopilots.readiness import ReadinessRules
 
 _SETTABLE: dict[Mode, int] = {
@@ -58,11 +69,84 @@ _MODES: dict[int, tuple[str, Mode]] = {
     28: ("TURTLE", Mode.PILOT),
 }
 
+_LAND = 5
+"""Of FS_GCS_ENABLE."""
+_CONTINUE_WITHOUT_GCS = 1 << 4
+"""GCS_CONTINUE_IF_PILOT_CONTROL of FS_OPTIONS, set by default: a lost ground station changes
+nothing in modes that are no autopilot's by mode.h, such as BRAKE, in which the guard holds."""
+_RETURNS = frozenset({1, 2, 3, 4, 6})
+"""Values of FS_GCS_ENABLE."""
+_TO_LANDING_START = 6
+"""FS_GCS_ENABLE: to DO_LAND_START or DO_RETURN_PATH_START of the mission, else RTL."""
+
+
+def _ways_of_return(values: Mapping[str, float]) -> frozenset[ReturnsBy]:
+    """Return the places besides home to which ArduCopter's RTL may fly (AP_Rally.cpp)."""
+    landing = values["FS_GCS_ENABLE"] == _TO_LANDING_START
+    return frozenset({"rally", "landing"}) if landing else frozenset({"rally"})
+
+
+_FAILSAFES = Failsafes(
+    # By default ArduCopter hovers on link loss.
+    on_silence={
+        "FS_GCS_ENABLE": float(_LAND),
+        "FS_GCS_TIMEOUT": SILENT_S,
+        "FS_OPTIONS": 0.0,
+        "MAV_GCS_SYSID": float(OWN_SYSTEM_ID),
+    },
+    rules=(
+        FailsafeRule(
+            names=("FS_GCS_ENABLE",),
+            wanted=_LAND,
+            sound=frozenset({1, 2, 3, 4, 5, 6}),
+            wrong="on link loss it would hover until its battery is empty",
+        ),
+        FailsafeRule(
+            names=("FS_GCS_TIMEOUT",),
+            longest_s=30.0,
+            wrong="it would take too long to detect a link loss",
+        ),
+        FailsafeRule(
+            names=("FS_OPTIONS",),
+            forbidden=_CONTINUE_WITHOUT_GCS,
+            wrong="it would ignore a link loss in BRAKE, in which the guard holds; take "
+            f"{_CONTINUE_WITHOUT_GCS} (continue in pilot controlled modes) off it",
+        ),
+        FailsafeRule(
+            names=("MAV_GCS_SYSID", "SYSID_MYGCS"),
+            wanted=OWN_SYSTEM_ID,
+            sound=frozenset({OWN_SYSTEM_ID}),
+            wrong=f"it expects another ground station's heartbeats, not ours ({OWN_SYSTEM_ID})",
+        ),
+        FailsafeRule(
+            names=("RTL_ALT_FINAL", "RTL_ALT_FINAL_M"),
+            most=0.0,
+            wrong="on link loss it would return, and hover there until its battery is empty",
+            is_optional=True,
+            where=("FS_GCS_ENABLE", _RETURNS),
+        ),
+        FailsafeRule(
+            names=("FS_EKF_ACTION",),
+            wanted=1,
+            sound=frozenset({1, 3}),
+            wrong="without a position it would not land, but wait for a pilot",
+            is_optional=True,
+        ),
+    ),
+    return_altitudes=(AltitudeParameter("RTL_ALT", 0.01), AltitudeParameter("RTL_ALT_M", 1.0)),
+    returning={"FS_GCS_ENABLE": _RETURNS},
+    ways=_ways_of_return,
+    rally_limit="RALLY_LIMIT_KM",
+)
+_FENCE_ACTIONS: dict[FenceAction, int] = {"report": 0, "rtl": 1, "land": 2, "hold": 4}
+_ALTITUDE_BIT, _AREAS_BIT = 1, 4
+"""FENCE_TYPE: the highest altitude; polygons and circles."""
+
 
 class ArduCopter(Autopilot):
     """ArduCopter: arms and flies in GUIDED; heights are relative; stops 3 s after setpoints do."""
 
-    name: ClassVar[AutopilotName] = "ardupilot"
+    name: ClassVar[str] = "ardupilot"
     label: ClassVar[str] = "ArduCopter"
     mav_autopilot: ClassVar[int] = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
     # GUID_TIMEOUT is 3 s; at 10 Hz its own interpolation stays smooth.
@@ -76,6 +160,8 @@ class ArduCopter(Autopilot):
     # Measured by our liftoff detector, minus spool_s, in flights of the gate with 4.7.
     liftoff_s: ClassVar[float] = 1.3
     embedded_liftoff_s: ClassVar[float] = 1.6
+    embedded_parameters: ClassVar[Path] = Path(__file__).with_name("copter_parameters.yaml")
+    embedded_link: ClassVar[str] = "tcpin://127.0.0.1:5760"
     takeoff_needs_amsl: ClassVar[bool] = False
     parameters_bytewise: ClassVar[bool] = False
     changes_mode_on_disarm: ClassVar[bool] = False
@@ -93,6 +179,10 @@ class ArduCopter(Autopilot):
     magnetometer_message_id: ClassVar[int] = mavlink.MAVLINK_MSG_ID_RAW_IMU
     # Under AP_SIM_ENABLED in GCS_Common.cpp.
     simulation_message_id: ClassVar[int | None] = mavlink.MAVLINK_MSG_ID_SIM_STATE
+    guided_name: ClassVar[str] = "GUIDED"
+    motion_parameters: ClassVar[tuple[str, ...]] = (
+        "WPNAV_", "WP_", "LOIT_", "PILOT_", "ANGLE_MAX", "ATC_", "PSC_", "LAND_",
+    )  # fmt: skip
     # FS_EKF_ACTION 2 (ekf_check.cpp); no failsafe of events.cpp enters another of them.
     fallback_modes: ClassVar[frozenset[str]] = frozenset({"ALT_HOLD"})
     heeds_pace: ClassVar[bool] = True
@@ -103,6 +193,16 @@ class ArduCopter(Autopilot):
         "INS_GYR*OFFS_?",  # of gyroscopes, at each boot (INS_GYR_CAL)
         "*_TOTAL",  # items of mission, fence and rally, which are no settings
     )
+    failsafes: ClassVar[Failsafes] = _FAILSAFES
+    oldest_version: ClassVar[tuple[int, int]] = (4, 3)
+    log_suffix: ClassVar[str] = ".bin"
+    logs_numbered_in_order: ClassVar[bool] = True
+    missions_begin_at_home: ClassVar[bool] = True
+    imu_message: ClassVar[str] = "RAW_IMU"
+    unsent_messages: ClassVar[Mapping[str, str]] = {
+        "OBSTACLE_DISTANCE": "ArduPilot sends no OBSTACLE_DISTANCE (its proximity sensor's sectors "
+        "are DISTANCE_SENSOR messages): use tcp:// or an MCAP file"
+    }
 
     def mode_of(self, custom_mode: int) -> Mode:
         """Return our mode for an ArduCopter HEARTBEAT."""
@@ -142,6 +242,27 @@ class ArduCopter(Autopilot):
             times_real_time,
             mavlink.MAV_PARAM_TYPE_REAL32,
         )
+
+    def is_simulation(self, version: Any, system_id: int, *, shows_it: bool) -> bool:
+        """Return whether ArduCopter has sent what only SITL sends, and names no board."""
+        del system_id
+        return shows_it and not names_board(version)
+
+    def fence_parameters(
+        self, *, has_areas: bool, ceiling_m: float | None, action: FenceAction
+    ) -> dict[str, int | float]:
+        """Return ArduPilot's FENCE_* of a fence (AC_Fence)."""
+        kinds = (_AREAS_BIT if has_areas else 0) | (_ALTITUDE_BIT if ceiling_m else 0)
+        parameters: dict[str, int | float] = {}
+        if ceiling_m is not None:
+            parameters["FENCE_ALT_MAX"] = ceiling_m
+        return parameters | {
+            # Avoidance keeps this distance from the fence, 2 m by default: too much in a hall.
+            "FENCE_MARGIN": 0.0,
+            "FENCE_TYPE": kinds,
+            "FENCE_ACTION": _FENCE_ACTIONS[action],
+            "FENCE_ENABLE": 1,
+        }
 
     def _heading_mask(self, yaw_rad: float | None, yaw_rate_rad_s: float | None) -> int:
         # With both ignored it turns in its flight direction (WP_YAW_BEHAVIOR); rate 0 prevents it.

@@ -1,21 +1,24 @@
 """ArduCopter's state machine: readiness, arming, modes, and its reported state."""
 
 import math
-from pathlib import Path
 from typing import Any, ClassVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.copter import copter_boot as boot
-from wil_campaign.vehicles.embedded.autopilot.copter import copter_telemetry
-from wil_campaign.vehicles.embedded.autopilot.copter.avoidance import SimpleAvoidance
-from wil_campaign.vehicles.embedded.autopilot.copter.copter_behaviors import CopterManoeuvres
-from wil_campaign.vehicles.embedded.autopilot.copter.copter_missions import RULES
-from wil_campaign.vehicles.embedded.autopilot.copter.copter_modes import (
+from wil_campaign.plugins.ardupilot.copter import copter_boot as boot
+from wil_campaign.plugins.ardupilot.copter import copter_kernel, copter_telemetry
+from wil_campaign.plugins.ardupilot.copter.avoidance import SimpleAvoidance
+from wil_campaign.plugins.ardupilot.copter.copter_behaviors import CopterManoeuvres
+from wil_campaign.plugins.ardupilot.copter.copter_missions import RULES
+from wil_campaign.plugins.ardupilot.copter.copter_modes import (
     ENTRIES,
     CopterMode,
     copter_mode,
 )
+from wil_campaign.plugins.ardupilot.copter.data_flash import DataFlash
+from wil_campaign.plugins.ardupilot.copter.parameter_file import PATH as PARAMETER_FILE
+from wil_campaign.plugins.ardupilot.copter.parameter_file import parameter_file
+from wil_campaign.plugins.ardupilot.strategy import ArduCopter as Strategy
 from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft, Firmware
 from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import FlightStyle
@@ -36,20 +39,31 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     Command,
     on_request,
 )
-from wil_campaign.vehicles.embedded.autopilot.services.log_formats import DataFlash
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import EMERGENCY, INFO, WARNING
-from wil_campaign.vehicles.embedded.control.law import COPTER
+from wil_campaign.vehicles.embedded.control.law import LawKind
+
+LAW = LawKind(
+    copter_kernel.step,
+    copter_kernel.GAINS,
+    copter_kernel.DEGREES,
+    copter_kernel.HUNDREDTHS,
+    # Identified from step responses of ArduCopter 4.7: pitch in the step to 0.8 m/s, heading in the
+    # step of 60 degrees; the other segments are not fitted.
+    (500.0, 500.0, 40.0),
+    0.135,
+)
 
 
 class CopterCore(MissionAutopilot[CopterMode]):
     """ArduCopter's modes and arming; subclasses handle setpoints, missions and failsafes."""
 
+    name: ClassVar[str] = Strategy.name
     firmware: ClassVar[Firmware] = Firmware(
         mav_autopilot=mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA,
-        parameter_file=Path(__file__).with_name("copter_parameters.yaml"),
+        parameter_file=Strategy.embedded_parameters,
         bytewise=False,
         strict_parameters=False,
-        serves_parameters=True,
+        files={PARAMETER_FILE: parameter_file},
         item_rules=RULES,
         first_mission_item=1,
         mode_entries=ENTRIES,
@@ -65,7 +79,7 @@ class CopterCore(MissionAutopilot[CopterMode]):
     standard = StandardModes(CopterMode.AUTO, CopterMode.RTL, CopterMode.LAND)
     builders: ClassVar[dict[int, telemetry.Builder]] = telemetry.COMMON | copter_telemetry.BUILDERS
     style: ClassVar[FlightStyle] = FlightStyle(
-        law=COPTER, spool_s=2.0, lift_s=1.15, noticed_s=1.15, touch_s=1.65
+        law=LAW, spool_s=2.0, lift_s=1.15, noticed_s=1.15, touch_s=1.65
     )
     manoeuvres: CopterManoeuvres
 

@@ -5,11 +5,12 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.copter import copter_boot as boot
-from wil_campaign.vehicles.embedded.autopilot.copter import copter_telemetry
-from wil_campaign.vehicles.embedded.autopilot.copter.copter_failsafes import Failsafes, View
-from wil_campaign.vehicles.embedded.autopilot.copter.copter_guided import CopterGuided
-from wil_campaign.vehicles.embedded.autopilot.copter.copter_modes import CopterMode
+from wil_campaign.plugins.ardupilot.copter import copter_boot as boot
+from wil_campaign.plugins.ardupilot.copter import copter_telemetry
+from wil_campaign.plugins.ardupilot.copter.copter_failsafes import Failsafes, View
+from wil_campaign.plugins.ardupilot.copter.copter_guided import CopterGuided
+from wil_campaign.plugins.ardupilot.copter.copter_modes import CopterMode
+from wil_campaign.plugins.ardupilot.copter.simulated_wind import simulated_wind
 from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import TiltWatch
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, ReturnHome
@@ -25,6 +26,7 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     on_message,
 )
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO
+from wil_campaign.vehicles.embedded.physics.body import Body
 
 _IN_FLIGHT_YAW_HEIGHT_M = 2.5
 """EKF3 aligns its yaw in flight above this height (EKF3_MAG_FINAL_RESET_ALT)."""
@@ -102,6 +104,12 @@ class ArduCopter(CopterGuided):
         return ACCEPTED
 
     # Flying.
+
+    def fly(self, body: Body) -> None:
+        """Fly a body, in SITL's own wind."""
+        super().fly(body)
+        parameters = self.parameters
+        body.blown_by(lambda: simulated_wind(parameters, lambda: -body.truth.position_ned_m[2]))
 
     def choose(self, mode: CopterMode) -> int:
         """Switch ArduCopter to the user's mode if it can run; AUTO needs a mission."""

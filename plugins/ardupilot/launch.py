@@ -3,20 +3,23 @@
 Command line and ports: libraries/AP_HAL_SITL/SITL_cmdline.cpp and UARTDriver.cpp of ArduPilot.
 """
 
-import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar, Literal
 
-from wil_campaign.foundation.files.paths import exists, is_file, is_folder
-from wil_campaign.vehicles.launch.launch_plan import (
-    BootParams,
-    Home,
-    LaunchError,
+from pydantic import Field
+
+from wil_campaign.foundation.files.paths import is_file
+from wil_campaign.plugins.firmware.launch_plan import (
     LaunchPlan,
+    PlannedLaunch,
     Port,
+    executable,
     parameter_text,
 )
+from wil_campaign.plugins.firmware.prepared_launch import PreparedLaunch
+from wil_campaign.vehicles.launch import Home, LaunchError, LaunchPart, Pace, Text, beside
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 
 _BASE_PORT = 5760
@@ -27,31 +30,25 @@ _FRAME = "FRAME_CLASS"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ArduPilotLaunch:
+class ArduPilotLaunch(PlannedLaunch):
     """The launch of an arducopter binary built for SITL.
 
     frame: its --model ("quad", "hexa"). defaults: parameter files, later ones win; empty for those
     of its source tree for the frame, without which its frame class is undefined and it never arms.
-    speedup: how many times real time its clock runs, if the machine can. params: boot parameters,
-    on top of the defaults.
+    params are set on top of the defaults.
     """
+
+    label: ClassVar[str] = "ArduPilot SITL"
+    instances: ClassVar[int] = 50
+    pace_key: ClassVar[str] = "speedup"
 
     binary: Path
     frame: str = "quad"
     defaults: tuple[Path, ...] = ()
-    speedup: float = 1.0
-    home: Home | None = None
-    params: BootParams = ()
 
-    @property
-    def label(self) -> str:
-        """Return the ArduPilot launch's name in messages."""
-        return "ArduPilot SITL"
-
-    @property
-    def instances(self) -> int:
-        """Return how many ArduPilot instances port numbers allow."""
-        return 50
+    def prepare(self, *, folder: Path, system_id: int) -> PreparedLaunch:
+        """Reserve the folder and an instance of the simulator. Raises LaunchError."""
+        return PreparedLaunch(launch=self, folder=folder, system_id=system_id)
 
     def check(self) -> None:
         """Raise LaunchError when the binary or a parameter file is missing."""
@@ -65,8 +62,8 @@ class ArduPilotLaunch:
                 f"without parameters its {_FRAME} is 0 and it never arms; name that file in "
                 "'defaults'"
             )
-        if not 0.0 < self.speedup <= 100.0:
-            raise LaunchError(f"ArduPilot SITL: speedup {self.speedup} is not within 0 to 100")
+        if not 0.0 < self.pace <= 100.0:
+            raise LaunchError(f"ArduPilot SITL: speedup {self.pace} is not within 0 to 100")
 
     def ports(self, instance: int) -> tuple[Port, ...]:
         """Return ArduPilot's ports: serial 0 to 2 and its input for remote control."""
@@ -78,7 +75,7 @@ class ArduPilotLaunch:
         argv = [
             executable(self.binary, "ArduPilot SITL", "build it with './waf copter'"),
             "--model", self.frame,
-            "--speedup", f"{self.speedup:g}",
+            "--speedup", f"{self.pace:g}",
             "--instance", str(instance),
             "--sysid", str(system_id),
         ]  # fmt: skip
@@ -125,15 +122,29 @@ def _home_argument(home: Home) -> str:
     return f"{place},{home.heading_deg:.1f}"
 
 
-def executable(path: Path, label: str, remedy: str) -> str:
-    """Return a launched program's absolute path, PATH included. Raises LaunchError."""
-    found = shutil.which(str(path))
-    if found is not None:
-        return str(Path(found).absolute())
-    if not exists(path):
-        raise LaunchError(f"{label}: there is no program {path}; {remedy}, or correct the path")
-    if is_folder(path):
-        raise LaunchError(f"{label}: {path} is a folder; name the program in it")
-    if not os.access(path, os.X_OK):
-        raise LaunchError(f"{label}: {path} is not executable; run 'chmod +x {path}'")
-    raise LaunchError(f"{label}: {path} cannot be executed")
+class ArduPilotLaunchPart(LaunchPart):
+    """A vehicle's `launch` of ArduCopter's own simulation (SITL).
+
+    binary: one built for SITL, beside this file or on PATH. defaults: parameter files, later ones
+    win. launch: the autopilot whose simulation is started. frame: ArduPilot's name of the airframe
+    (its --model). speedup: how many times real time it simulates, at most 100.
+    """
+
+    name: ClassVar[str] = "ardupilot"
+
+    launch: Literal["ardupilot"]
+    binary: Text
+    frame: Text = "quad"
+    defaults: list[Text] = Field(default_factory=list)
+    speedup: Pace = 1.0
+
+    def setup(self, folder: Path) -> ArduPilotLaunch:
+        """Return the launch of ArduPilot's simulation."""
+        named = Path(self.binary)
+        return ArduPilotLaunch(
+            # A bare name is looked for on PATH.
+            binary=named if named.name == self.binary else beside(folder, self.binary),
+            frame=self.frame,
+            defaults=tuple(beside(folder, file) for file in self.defaults),
+            pace=self.speedup,
+        )

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.copter.avoidance import (
+from wil_campaign.plugins.ardupilot.copter.avoidance import (
     SimpleAvoidance,
     stopping_speed,
 )
-from wil_campaign.vehicles.embedded.autopilot.copter.copter_core import CopterCore
+from wil_campaign.plugins.ardupilot.copter.copter_core import CopterCore
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import load_parameters
 
 

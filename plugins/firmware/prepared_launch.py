@@ -20,8 +20,10 @@ from wil_campaign.foundation.processes.child import run_briefly
 from wil_campaign.foundation.processes.identity import ProcessId, boot_id
 from wil_campaign.foundation.processes.supervisor import supervised
 from wil_campaign.foundation.tasks import finish
-from wil_campaign.vehicles.launch.launch_plan import Launch, LaunchError, LaunchPlan, Port
-from wil_campaign.vehicles.launch.launch_records import RECORD, LaunchRecord
+from wil_campaign.plugins.firmware.launch_plan import LaunchPlan, PlannedLaunch, Port
+from wil_campaign.plugins.firmware.launch_records import RECORD, LaunchRecord
+from wil_campaign.vehicles.launch import LaunchError, StartProcess
+from wil_campaign.vehicles.links.link_strings import LinkAddress
 
 _TAIL_LINES = 15
 _COLOURS = re.compile(rb"\x1b\[[0-9;]*[A-Za-z]")
@@ -89,7 +91,7 @@ def lock_folder() -> Path:
     return Path(tempfile.gettempdir()) / f"wil-campaign-{os.getuid()}"
 
 
-def receive_instance(launch: Launch, *, locks: Path | None = None) -> Instance:
+def receive_instance(launch: PlannedLaunch, *, locks: Path | None = None) -> Instance:
     """Return a free instance of a kind of simulator. Raises LaunchError when there is none."""
     folder = lock_folder() if locks is None else locks
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -139,6 +141,10 @@ def _lock_instance(file: Path) -> int | None:
 
 
 _POLL_S = 0.05
+_READY_S = 60.0
+"""Start time limit: a loaded machine, or a container image that starts cold."""
+_GRACE_S = 2.0
+"""How long a simulator may take to end; less than the guard allows its children."""
 
 
 class PreparedLaunch:
@@ -149,7 +155,7 @@ class PreparedLaunch:
     """
 
     def __init__(
-        self, *, launch: Launch, folder: Path, system_id: int, locks: Path | None = None
+        self, *, launch: PlannedLaunch, folder: Path, system_id: int, locks: Path | None = None
     ) -> None:
         launch.check()
         try:
@@ -180,6 +186,20 @@ class PreparedLaunch:
     def output(self) -> Path:
         """Return the file with the launched simulator's output."""
         return self.folder / "output.txt"
+
+    @property
+    def link(self) -> LinkAddress:
+        """Return the link to the launched simulator."""
+        return self.plan.link
+
+    async def start(self, process: StartProcess, end: "asyncio.Future[int | None]") -> None:
+        """Start the simulator, and wait until it is ready. Raises LaunchError.
+
+        It lives on the lifeline of guard and orchestrator, not on one of them alone.
+        """
+        command = self.command(parent=0, grace_s=_GRACE_S)
+        self.note(await process(command, dict(self.plan.environment)))
+        await self.until_ready(end, ready_s=_READY_S)
 
     def command(self, *, parent: int, grace_s: float) -> tuple[str, ...]:
         """Return the command that launches it under a supervisor; arguments: see there."""

@@ -12,13 +12,14 @@ from typing import Any
 
 import pytest
 
-from tests.vehicles.launch.launched_vehicle import LaunchedVehicle
+from tests.plugins.firmware.launched_vehicle import LaunchedVehicle
 from wil_campaign.foundation.processes.identity import ProcessId, boot_id
-from wil_campaign.vehicles.launch.ardupilot import ArduPilotLaunch
-from wil_campaign.vehicles.launch.launch_plan import Home, LaunchError, Port
-from wil_campaign.vehicles.launch.launch_records import RECORD, LaunchRecord, find_orphans
-from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch, is_free, receive_instance
-from wil_campaign.vehicles.launch.px4 import Px4Launch
+from wil_campaign.plugins.ardupilot.launch import ArduPilotLaunch
+from wil_campaign.plugins.firmware.launch_plan import Port
+from wil_campaign.plugins.firmware.launch_records import RECORD, LaunchRecord, find_orphans
+from wil_campaign.plugins.firmware.prepared_launch import PreparedLaunch, is_free, receive_instance
+from wil_campaign.plugins.firmware.px4_launch import Px4Launch
+from wil_campaign.vehicles.launch import Home, LaunchError
 
 HOME = Home(47.4, 8.5, 488.0, 90.0)
 
@@ -119,7 +120,7 @@ def _px4_build(sims: Any, body: str) -> Path:
 
 async def test_px4_runs_from_a_build(sims: Any) -> None:
     build = _px4_build(sims, sims.px4)
-    launch = Px4Launch(build=build, speed=2.0, home=HOME)
+    launch = Px4Launch(build=build, pace=2.0, home=HOME)
     vehicle = LaunchedVehicle(
         launch=launch, folder=sims.folder / "twin", system_id=7, locks=sims.locks
     )
@@ -222,8 +223,8 @@ async def test_a_process_that_ignores_sigterm_or_fled_ends_too(sims: Any) -> Non
 OWNER = """
 import asyncio, os, sys
 from pathlib import Path
-from wil_campaign.vehicles.launch.ardupilot import ArduPilotLaunch
-from tests.vehicles.launch.launched_vehicle import LaunchedVehicle
+from wil_campaign.plugins.ardupilot.launch import ArduPilotLaunch
+from tests.plugins.firmware.launched_vehicle import LaunchedVehicle
 
 async def main(binary, folder, locks):
     launch = ArduPilotLaunch(binary=Path(binary))

@@ -5,9 +5,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.copter import guided_setpoints
-from wil_campaign.vehicles.embedded.autopilot.copter.copter_core import CopterCore
-from wil_campaign.vehicles.embedded.autopilot.copter.copter_modes import CopterMode
+from wil_campaign.plugins.ardupilot.copter import guided_setpoints
+from wil_campaign.plugins.ardupilot.copter.copter_core import CopterCore
+from wil_campaign.plugins.ardupilot.copter.copter_modes import CopterMode
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, TakeOff, Wanted
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_flight import FlyMission, place_of
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import Item, item_fault

@@ -4,8 +4,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.autopilots.map_projections import ArduPilotProjection
-from wil_campaign.vehicles.embedded.autopilot.copter import copter_boot as boot
+from wil_campaign.plugins.ardupilot.copter import copter_boot as boot
+from wil_campaign.plugins.ardupilot.simulated_truth import ArduPilotProjection
 from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
 from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
 from wil_campaign.worlds.frames import quat_from_euler

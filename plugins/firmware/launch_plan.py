@@ -1,16 +1,16 @@
 """The plan of a simulator's launch: command, link, and the output that shows readiness; pure."""
 
+import os
+import shutil
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import ClassVar, Literal
 
-from wil_campaign.vehicles.errors import VehicleError
+from wil_campaign.foundation.files.paths import exists, is_folder
+from wil_campaign.vehicles.launch import Launch, LaunchError
 from wil_campaign.vehicles.links.link_strings import LinkAddress
-
-
-class LaunchError(VehicleError):
-    """A simulator cannot be launched, or has died; says what it printed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,16 +19,6 @@ class Port:
 
     number: int
     kind: Literal["tcp", "udp"]
-
-
-@dataclass(frozen=True, slots=True)
-class Home:
-    """The launched vehicle's home: WGS-84 degrees, metres above sea level, heading in degrees."""
-
-    latitude_deg: float
-    longitude_deg: float
-    altitude_m: float
-    heading_deg: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,31 +42,38 @@ class LaunchPlan:
     files: Mapping[str, str] = field(default_factory=dict)
 
 
-BootParams = tuple[tuple[str, float], ...]
-"""Parameters that an autopilot boots with: names and values."""
-
-
 def parameter_text(value: float) -> str:
     """Return a parameter's value as launched autopilots read it, integers without a point."""
     return str(int(value)) if float(value).is_integer() else f"{value:.9g}"
 
 
-class Launch(Protocol):
-    """A kind of simulator that can be launched several times on one machine (protocol)."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedLaunch(Launch):
+    """A kind of simulator that can be launched several times on one machine."""
 
-    @property
-    def label(self) -> str:
-        """Return the launch's name in messages."""
+    label: ClassVar[str]
+    """Its name in messages."""
+    instances: ClassVar[int]
+    """How many of them port numbers allow."""
 
-    @property
-    def instances(self) -> int:
-        """Return how many instances of the launch port numbers allow."""
-
-    def check(self) -> None:
-        """Raise LaunchError when something that the launch needs is missing; starts nothing."""
-
+    @abstractmethod
     def ports(self, instance: int) -> tuple[Port, ...]:
         """Return the ports that an instance of the launch binds."""
 
+    @abstractmethod
     def plan(self, *, instance: int, system_id: int, folder: Path) -> LaunchPlan:
         """Return the launch plan of an instance that runs in `folder`."""
+
+
+def executable(path: Path, label: str, remedy: str) -> str:
+    """Return a launched program's absolute path, PATH included. Raises LaunchError."""
+    found = shutil.which(str(path))
+    if found is not None:
+        return str(Path(found).absolute())
+    if not exists(path):
+        raise LaunchError(f"{label}: there is no program {path}; {remedy}, or correct the path")
+    if is_folder(path):
+        raise LaunchError(f"{label}: {path} is a folder; name the program in it")
+    if not os.access(path, os.X_OK):
+        raise LaunchError(f"{label}: {path} is not executable; run 'chmod +x {path}'")
+    raise LaunchError(f"{label}: {path} cannot be executed")

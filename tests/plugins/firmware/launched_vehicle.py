@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Self
 
 from wil_campaign.foundation.processes.child import ChildProcess
-from wil_campaign.vehicles.launch.launch_plan import Launch, LaunchError
-from wil_campaign.vehicles.launch.prepared_launch import PreparedLaunch
+from wil_campaign.plugins.firmware.launch_plan import PlannedLaunch
+from wil_campaign.plugins.firmware.prepared_launch import PreparedLaunch
+from wil_campaign.vehicles.launch import LaunchError
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 
 
@@ -21,7 +22,7 @@ class LaunchedVehicle:
     def __init__(
         self,
         *,
-        launch: Launch,
+        launch: PlannedLaunch,
         folder: Path,
         system_id: int,
         ready_s: float = 30.0,

@@ -11,12 +11,12 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
-from wil_campaign.vehicles.autopilots.ardupilot import ArduCopter
-from wil_campaign.vehicles.autopilots.autopilot import Target
-from wil_campaign.vehicles.embedded.autopilot.copter.guided_setpoints import (
+from wil_campaign.plugins.ardupilot.copter.guided_setpoints import (
     flies_global,
     flies_local,
 )
+from wil_campaign.plugins.ardupilot.strategy import ArduCopter
+from wil_campaign.vehicles.autopilots.autopilot import Target
 
 NO_POSITION, NO_VELOCITY, NO_ACCELERATION, FORCE = 0o7, 0o70, 0o700, 1 << 9
 NOTHING, ONLY_YAW = 0xFFF, 0xBFF

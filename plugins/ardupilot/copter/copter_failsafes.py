@@ -6,7 +6,7 @@ Sources: ArduCopter/events.cpp, ArduCopter/fence.cpp, AP_BattMonitor (4.7); para
 import math
 from typing import NamedTuple
 
-from wil_campaign.vehicles.embedded.autopilot.copter.copter_modes import CopterMode
+from wil_campaign.plugins.ardupilot.copter.copter_modes import CopterMode
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO, WARNING
 from wil_campaign.vehicles.embedded.physics.battery import Charge

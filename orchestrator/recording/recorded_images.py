@@ -1,0 +1,150 @@
+"""The images of a recording: from its file, or drawn again from what it has of them.
+
+An image that this program drew follows from the world, the camera and the poses of what moves. The
+recording has these and a digest, and here it is drawn again. One whose digest differs is refused:
+it is not the image that was flown with.
+"""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
+
+from numpy.typing import NDArray
+
+from wil_campaign.foundation.files.documents import BadInput
+from wil_campaign.orchestrator.installation import flown_program
+from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.orchestrator.recording.mcap.mcap_bodies import digest_of, jpeg_of
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import (
+    Parts,
+    camera_of,
+    drawing_of,
+    image_of,
+)
+from wil_campaign.orchestrator.recording.mcap.mcap_json import Json, bytes_of
+from wil_campaign.orchestrator.recording.recording_facts import quality_in, scene_digest, world_in
+from wil_campaign.worlds.world_file.world_schema import Mode, Which
+
+if TYPE_CHECKING:  # readers of a recording load the renderer where an image is drawn again
+    from wil_campaign.vehicles.sensors.drawn_again import DrawnAgain
+
+_WORLDS: Mapping[str, Which] = {"real": "W", "twin": "Wv"}
+"""The world that a vehicle's images are of."""
+
+
+class NotDrawnAgainError(RecordingError):
+    """An image that was not recorded cannot be drawn again; says which one, and why."""
+
+
+class _Drawer(NamedTuple):
+    """What draws the images of one scene. digest: of its shapes."""
+
+    again: "DrawnAgain"
+    digest: str
+
+
+class RecordedImages:
+    """The images of one recording. facts: of its beginning."""
+
+    def __init__(self, facts: Mapping[str, str]) -> None:
+        self._facts = facts
+        self._refused: dict[str, str] = {}
+
+    def image(self, document: Json) -> NDArray[Any]:
+        """Return the pixels of a message of an image.
+
+        Raises NotDrawnAgainError; KeyError, ValueError or TypeError for a foreign document.
+        """
+        drawn = self.drawn(document)
+        return image_of(document) if drawn is None else drawn["image"]
+
+    def is_encoded(self, document: Json) -> bool:
+        """Return whether an image is a JPEG or PNG in the recording, or would be, had it to be."""
+        return "format" in document or "drawing" in document["wil"]
+
+    def encoded(self, document: Json) -> tuple[str, bytes]:
+        """Return format and bytes of an image: as recorded, or as JPEG, as they would have been.
+
+        Raises as `image` does.
+        """
+        drawn = self.drawn(document)
+        if drawn is None:
+            return document["format"], bytes_of(document["data"])
+        return "jpeg", jpeg_of(drawn["image"], quality_in(self._facts))
+
+    def drawn(self, document: Json) -> Parts | None:
+        """Return an image that is not in the recording, by part; None for one that is.
+
+        The parts are "image" and, as in flight, "depth" and "ids". Raises as `image` does.
+        """
+        wil = document["wil"]
+        if "drawing" not in wil:
+            return None
+        source, name = wil["source"], f"{wil['source']}/{wil.get('sensor', 'camera')}"
+        drawer = self._drawer(source)
+        why = self._refused.get(source, "")
+        if drawer is not None:
+            found = _draw(drawer.again, document)
+            if found is not None:
+                return found
+            why = self._why_other(source, drawer)
+        raise NotDrawnAgainError(
+            f"the image of {name} at {wil['t_s']:.3f} s is not in the recording and cannot be "
+            f"drawn again: {why}"
+        )
+
+    def _drawer(self, source: str) -> _Drawer | None:
+        """Return what draws the images of a vehicle; None where that was refused before."""
+        if source in self._refused:
+            return None
+        world, mode = self._facts.get("world"), self._facts.get("mode")
+        if world is None or mode not in get_args(Mode) or source not in _WORLDS:
+            self._refused[source] = "the recording has no world"
+            return None
+        try:
+            return _drawer(world, self._facts.get("world_file", ""), mode, _WORLDS[source])
+        except BadInput as error:
+            first = error.problems[0]
+            self._refused[source] = f"its world cannot be read: {first.file}: {first.message}"
+            return None
+
+    def _why_other(self, source: str, drawer: _Drawer) -> str:
+        """Return why the image that is drawn now is not that of the flight, in words."""
+        flown, here = self._facts.get("program", "an unknown version"), flown_program()
+        whys = []
+        if self._facts.get(f"shapes_{source}", drawer.digest) != drawer.digest:
+            whys.append("meshes or textures of the world have changed since")
+        if flown != here:
+            whys.append(f"it was flown by {flown}, and this is {here}")
+        why = " and ".join(whys) or "this machine or its libraries draw differently"
+        return f"it would not be the same image; {why}"
+
+
+def _draw(again: "DrawnAgain", document: Json) -> Parts | None:
+    """Return an image that is drawn again, by part; None where it is another than in flight."""
+    wanted, digests = document["wil"]["drawing"], document["wil"]["drawing"]["crc32"]
+    drawing, (intrinsics, _) = drawing_of(wanted), camera_of(document)
+    try:
+        image = again.image(
+            drawing, intrinsics, want_depth="depth" in digests, want_ids="ids" in digests
+        )
+    except ValueError:  # other bodies move
+        return None
+    found = {"image": image.image_bgr, "depth": image.depth_m, "ids": image.object_ids}
+    parts = {part: array for part, array in found.items() if array is not None}
+    if {part: digest_of(array) for part, array in parts.items()} != digests:
+        return None
+    for array in parts.values():
+        array.setflags(write=False)
+    return parts
+
+
+@lru_cache(maxsize=4)
+def _drawer(world: str, file: str, mode: Mode, which: Which) -> _Drawer:
+    """Return what draws a scene; cached, as runs share worlds. Raises BadInput."""
+    from wil_campaign.vehicles.sensors.drawn_again import DrawnAgain  # noqa: PLC0415 - kernels
+
+    found = world_in({"world": world, "world_file": file})
+    assert found is not None  # noqa: S101 - the fact is given
+    scene = found.scene(mode, which)
+    return _Drawer(DrawnAgain(scene), scene_digest(scene))

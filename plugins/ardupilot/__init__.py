@@ -1,0 +1,1 @@
+"""ArduPilot: what flies, emulates and launches ArduCopter."""

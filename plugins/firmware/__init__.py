@@ -1,0 +1,1 @@
+"""Firmware that is launched: found, watched, and ended for certain; PX4's."""

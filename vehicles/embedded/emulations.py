@@ -1,0 +1,48 @@
+"""The emulated autopilots, the core's and the plugins', by the names in campaigns."""
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Protocol
+
+import numpy as np
+
+from wil_campaign.hooks import autopilots
+from wil_campaign.installed_plugins import loaded
+from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft, EmulatedAutopilot
+from wil_campaign.vehicles.embedded.autopilot.flight.flight import FlightStyle
+from wil_campaign.vehicles.embedded.control.kernels import LAW_NUMBERS
+from wil_campaign.vehicles.embedded.physics.motion_kernel import (
+    BODY_NUMBERS,
+    NUMBERS,
+    estimate,
+    read,
+    read_and_estimate,
+)
+
+
+class Emulation(Protocol):
+    """The class of an emulated autopilot (protocol)."""
+
+    style: FlightStyle
+
+    def __call__(self, aircraft: Aircraft) -> EmulatedAutopilot:
+        """Return the autopilot, which flies an aircraft."""
+
+
+@cache
+def emulations() -> Mapping[str, Emulation]:
+    """Return by name the classes of all emulated autopilots."""
+    return loaded(autopilots, "emulation")
+
+
+def load_kernels() -> None:
+    """Load the kernels of all control laws and of the body, or compile them: seconds, once.
+
+    Called before a flight: at liftoff it would block the interpreter for as long.
+    """
+    motion, zero, errors, late = np.zeros(NUMBERS), np.zeros(3), np.zeros(9), np.zeros((1, 6))
+    for emulation in emulations().values():
+        emulation.style.law.step(np.ones(LAW_NUMBERS), motion, 0.004, 1)
+    read(motion, zero, motion)
+    estimate(motion, errors, late, 0, motion)
+    read_and_estimate(np.zeros(BODY_NUMBERS), late, 0)

@@ -1,1 +1,0 @@
-"""Simulated autopilots that we start ourselves: found, watched, and ended for certain."""
