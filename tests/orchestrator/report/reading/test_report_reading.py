@@ -16,8 +16,6 @@ from tests.orchestrator.report.recorded_campaign import (
     touched,
     write_campaign,
 )
-from wil_campaign.orchestrator.model.results import Also, RunResult, SyncResult, with_note
-from wil_campaign.orchestrator.model.twin_results import DropOut, TwinResult
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
@@ -29,6 +27,8 @@ from wil_campaign.orchestrator.report.reading.outlines import ring_of
 from wil_campaign.orchestrator.report.reading.run_reader import read_run
 from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
 from wil_campaign.orchestrator.report.rendering.page import render_run
+from wil_campaign.orchestrator.run_results.result_parts import DropOut, TwinResult
+from wil_campaign.orchestrator.run_results.run_result import Also, RunResult, SyncResult, with_note
 from wil_campaign.safety.evaluation.judge_log import read_judge_log
 from wil_campaign.safety.fence.fence_values import plain_fence
 from wil_campaign.safety.fence.geofence import Fence
