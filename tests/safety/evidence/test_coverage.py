@@ -201,6 +201,7 @@ def test_reports_have_a_coverage_of_their_own() -> None:
     (event,) = evidence.events
     assert event.text == (
         "battery of real from mocap: no sample from 1.45 s to 2.00 s, 0.55 s against 0.1 s"
+        "; 0.55 s after the takeoff command"
     )
 
 
