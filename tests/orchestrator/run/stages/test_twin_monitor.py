@@ -103,7 +103,7 @@ def test_a_distance_that_was_never_measured_proves_nothing() -> None:
 @pytest.mark.parametrize(
     ("silent_s", "said"),
     [
-        ((0.51, 9.0), "was not measured from 0.55 s to 3.90 s after the goal"),
+        ((0.51, 9.0), "was not measured from 0.55 s to 3.85 s after the goal"),
         ((0.0, 0.79), "was not measured from 0.05 s to 0.75 s"),
         ((2.01, 2.79), "was not measured from 2.05 s to 2.75 s"),
     ],
