@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.orchestrator.model.results import RunResult
-from wil_campaign.orchestrator.model.results_reader import read_result
+from wil_campaign.orchestrator.run_results.result_reader import read_result
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.search.ledger import FILE_NAME as LEDGER
 from wil_campaign.plugins.search.search_document import FILE_NAME
 

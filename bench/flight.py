@@ -240,7 +240,7 @@ def _without_cameras(order: RunOrder, folder: str) -> RunSetup:
         under_test=hover,
         vehicles={vehicle.name: vehicle for vehicle in vehicles},
     )
-    return replace(setup, campaign=campaign, vehicles=vehicles)
+    return replace(setup, case=campaign, vehicles=vehicles)
 
 
 _HOVER = """

@@ -22,7 +22,7 @@ from wil_campaign.campaigns.values.seeds import run_seed
 from wil_campaign.orchestrator.campaign.flight_options import Cleared
 from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.search.engine import BatchEngine
 from wil_campaign.plugins.search.exploration.learning_strategies import make_strategy
 from wil_campaign.plugins.search.exploration.model import (

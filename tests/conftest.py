@@ -41,7 +41,7 @@ FAST = (
     "campaigns/values",
     "orchestrator/cli/test_arming_consent.py",
     "orchestrator/cli/test_external_lines.py",
-    "orchestrator/model",
+    "orchestrator/run_results",
     "orchestrator/report/reading/test_report_reading.py",
     "orchestrator/report/rendering/test_report_page.py",
     "orchestrator/report/test_report_words.py",
@@ -132,7 +132,7 @@ wait for CORES_QUEUE.
 """
 
 WALL = (
-    "orchestrator/campaign/resuming/test_resumption.py",
+    "orchestrator/campaign/resuming/test_runs_to_fly.py",
     "orchestrator/cli/commands/test_operate_commands.py",
     "orchestrator/cli/commands/test_run_command.py",
     "orchestrator/cli/test_arming_consent.py",

@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from wil_campaign.foundation.files.documents import BadInput, Problem
     from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
     from wil_campaign.orchestrator.campaign.reevaluation import Judgement
-    from wil_campaign.orchestrator.model.campaign_results import Summary, Totals
-    from wil_campaign.orchestrator.model.results import RunResult
     from wil_campaign.orchestrator.reading.errors import ResultsFolderError
     from wil_campaign.orchestrator.recording.errors import RecordingError
     from wil_campaign.orchestrator.report.ordered_report import Report
+    from wil_campaign.orchestrator.run_results.campaign_results import Summary, Totals
+    from wil_campaign.orchestrator.run_results.run_result import RunResult
     from wil_campaign.plugins.offline.calls import mix, replay
     from wil_campaign.plugins.offline.errors import OfflineError
     from wil_campaign.plugins.offline.file_mixing import CombinationReport
@@ -113,8 +113,8 @@ _MODULES = {
     "orchestrator.campaign.flight_options": ("FlightOptions",),
     "plugins.python.mock_vehicle": ("MockVehicle", "MockVehicleError", "mock_vehicle"),
     "orchestrator.campaign.reevaluation": ("Judgement",),
-    "orchestrator.model.campaign_results": ("Summary", "Totals"),
-    "orchestrator.model.results": ("RunResult",),
+    "orchestrator.run_results.campaign_results": ("Summary", "Totals"),
+    "orchestrator.run_results.run_result": ("RunResult",),
     "orchestrator.recording.errors": ("RecordingError",),
     "plugins.python.mcap_reader": (
         "Recorded",

@@ -11,8 +11,8 @@ from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.campaigns.schema.between_runs import BetweenRunsPart
 from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
-from wil_campaign.orchestrator.model.results import RunResult
-from wil_campaign.orchestrator.model.return_path import (
+from wil_campaign.orchestrator.run_results.run_result import RunResult
+from wil_campaign.orchestrator.state.return_path import (
     CLEAR_M,
     ReturnPath,
     off_start,

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
 from wil_campaign.campaigns.setup.case_setup import FLIES
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.foundation.files.limited_json import read_json
 from wil_campaign.foundation.files.problems import printable
 from wil_campaign.foundation.tasks import TaskAccount, raising_first_of
@@ -33,13 +34,13 @@ from wil_campaign.orchestrator.campaign.folder.manifest import (
 from wil_campaign.orchestrator.campaign.folder.repetitions import planned, runs_due
 from wil_campaign.orchestrator.campaign.liftoff_learning import LiftoffLearning
 from wil_campaign.orchestrator.campaign.repositioning import Repositioning
-from wil_campaign.orchestrator.campaign.resuming.lost_runs import lost_result, real_runs
-from wil_campaign.orchestrator.campaign.resuming.resumed_campaign import (
+from wil_campaign.orchestrator.campaign.resuming.runs_to_fly import (
     ResumedCampaign,
     ResumeRules,
     resume_campaign,
 )
-from wil_campaign.orchestrator.campaign.resuming.resumption import (
+from wil_campaign.orchestrator.campaign.resuming.runs_without_result import lost_result, real_runs
+from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import (
     ResumeError,
     resumed_folder,
     resumed_manifest,
@@ -49,20 +50,19 @@ from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.campaign.workers.run_output import OUTPUT_FILE, output_tail
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
 from wil_campaign.orchestrator.campaign.workers.worker_pool import Pool
-from wil_campaign.orchestrator.model.attempts import after_attempts, attempt_of, retry_due
-from wil_campaign.orchestrator.model.campaign_results import Summary, summarize
-from wil_campaign.orchestrator.model.document_writer import to_json
-from wil_campaign.orchestrator.model.exit_codes import exit_code, rehearsal_code
-from wil_campaign.orchestrator.model.faults import Faults, fault_log
-from wil_campaign.orchestrator.model.flown_firmware import distinct
-from wil_campaign.orchestrator.model.junit import junit_xml
-from wil_campaign.orchestrator.model.progress import News, Progress
-from wil_campaign.orchestrator.model.results import NOT_ARMED, RunResult
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
+from wil_campaign.orchestrator.operator.run_messages import News, Progress
 from wil_campaign.orchestrator.run.stages.return_flight import return_plan
 from wil_campaign.orchestrator.run.vehicles.preflight_checks import disk_item
+from wil_campaign.orchestrator.run_results.attempts import after_attempts, attempt_of, retry_due
+from wil_campaign.orchestrator.run_results.campaign_results import Summary, summarize
+from wil_campaign.orchestrator.run_results.exit_codes import exit_code, rehearsal_code
+from wil_campaign.orchestrator.run_results.junit import junit_xml
+from wil_campaign.orchestrator.run_results.result_parts import distinct
+from wil_campaign.orchestrator.run_results.run_result import NOT_ARMED, RunResult
+from wil_campaign.orchestrator.state.faults import Faults, fault_log
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 
 _NAMES = {signal.SIGINT: "Ctrl-C", signal.SIGTERM: "SIGTERM", signal.SIGHUP: "SIGHUP"}

@@ -6,8 +6,8 @@ from queue import SimpleQueue
 from typing import Protocol, Self
 
 from wil_campaign.foundation.tasks import FAULTS
-from wil_campaign.orchestrator.model.progress import Progress
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.operator.run_messages import Progress
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 _MOST_UPDATES, _MOST_LINES = 1_000, 100_000
 """How many calls wait for a terminal before further progress, and further lines, are left out."""

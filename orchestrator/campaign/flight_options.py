@@ -10,7 +10,7 @@ from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.hooks import engines
 from wil_campaign.installed_plugins import added
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL, LocalRunEngine, RunEngine
-from wil_campaign.orchestrator.model.campaign_results import VehicleKind
+from wil_campaign.orchestrator.run_results.campaign_results import VehicleKind
 
 
 def _engine_help() -> str:

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
 from wil_campaign.foundation.clocks.virtual_loop import Clock
-from wil_campaign.orchestrator.model.liftoff_delays import LiftoffDelays
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run.stages.liftoff_delays import LiftoffDelays
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 
 

@@ -15,16 +15,20 @@ from wil_campaign.orchestrator.campaign.folder.manifest import (
 from wil_campaign.orchestrator.campaign.folder.manifest_changes import changes_since_flight
 from wil_campaign.orchestrator.campaign.folder.repetitions import runs_due
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import with_open_poses
-from wil_campaign.orchestrator.model.campaign_results import Summary, summarize
-from wil_campaign.orchestrator.model.control_results import control_result
-from wil_campaign.orchestrator.model.exit_codes import exit_code
-from wil_campaign.orchestrator.model.results import RunResult, also_of
-from wil_campaign.orchestrator.model.results_reader import ResultError, read_result, read_summary
-from wil_campaign.orchestrator.model.run_log import decisive_event
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME
 from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
 from wil_campaign.orchestrator.run.judging.run_outcome import reason_of
+from wil_campaign.orchestrator.run_results.campaign_results import Summary, summarize
+from wil_campaign.orchestrator.run_results.control_results import control_result
+from wil_campaign.orchestrator.run_results.exit_codes import exit_code
+from wil_campaign.orchestrator.run_results.result_reader import (
+    ResultError,
+    read_result,
+    read_summary,
+)
+from wil_campaign.orchestrator.run_results.run_result import RunResult, also_of
+from wil_campaign.orchestrator.state.run_log import decisive_event
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.safety.evaluation.judge import unjudged
 from wil_campaign.safety.evaluation.judge_log import JudgeLogError, judge_from_log, read_judge_log

@@ -3,7 +3,7 @@
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.campaigns.setup.case_setup import VehicleSetup
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, SensorSetup
-from wil_campaign.orchestrator.model.campaign_results import SensorKind
+from wil_campaign.orchestrator.run_results.campaign_results import SensorKind
 
 _REAL_FIRST: tuple[SensorKind, ...] = ("live", "file", "rendered", "synthesised")
 

@@ -219,7 +219,9 @@ def _usage_error(error: CycloptsError) -> object:
     text = str(error)
     # An option that has no value is named as it was given, and has a keyword.
     if isinstance(error, MissingArgumentError) and error.argument and not error.keyword:
-        text = f"{command} needs {error.argument.name.lstrip('-').upper()}."
+        name = error.argument.name
+        is_place = error.argument.field_info.is_positional
+        text = f"{command} needs {name.removeprefix('--').upper() if is_place else name}."
     return Text(f"{text}\nnext: {command} --help")
 
 

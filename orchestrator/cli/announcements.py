@@ -9,7 +9,7 @@ from wil_campaign.foundation.files.problems import BadInput, Problem
 from wil_campaign.hooks import Announcer, announcers
 from wil_campaign.installed_plugins import added, load
 from wil_campaign.orchestrator.cli.standard_streams import err
-from wil_campaign.orchestrator.model.campaign_results import Summary
+from wil_campaign.orchestrator.run_results.campaign_results import Summary
 
 
 def announce_problems(problems: tuple[Problem, ...], warnings: tuple[Problem, ...]) -> None:

@@ -30,7 +30,7 @@ from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL
 from wil_campaign.orchestrator.cli.clock_choice import clock_for, shared_of
 from wil_campaign.orchestrator.cli.standard_streams import err
 from wil_campaign.orchestrator.cli.text_table import count_text
-from wil_campaign.orchestrator.model.campaign_results import VehicleKind
+from wil_campaign.orchestrator.run_results.campaign_results import VehicleKind
 from wil_campaign.orchestrator.state.parameter_backups import NoHomeError, parameter_backup_folder
 from wil_campaign.vehicles.errors import NO_JSBSIM, VehicleError
 from wil_campaign.vehicles.links.link_strings import LinkAddress

@@ -3,14 +3,14 @@
 from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
-from wil_campaign.orchestrator.model.external_results import (
+from wil_campaign.orchestrator.run_results.result_parts import (
     CaptureResult,
     ExternalResult,
     InjectedResult,
     OutletResult,
     SourceResult,
 )
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 R = TypeVar("R")
 

@@ -13,8 +13,8 @@ from rich.text import Text
 
 from wil_campaign.orchestrator.campaign.display_thread import Display, DisplayThread
 from wil_campaign.orchestrator.cli.standard_streams import ignore_broken_pipe
-from wil_campaign.orchestrator.model.progress import Progress
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.operator.run_messages import Progress
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 VERDICT_STYLES = {
     "PASS": "green",

@@ -15,20 +15,20 @@ from wil_campaign.campaigns.values.acceptance import Requirement, Standing
 from wil_campaign.orchestrator.cli.external_lines import external_lines
 from wil_campaign.orchestrator.cli.progress_display import VERDICT_STYLES
 from wil_campaign.orchestrator.cli.text_table import count_text
-from wil_campaign.orchestrator.model.acceptance_texts import (
+from wil_campaign.orchestrator.run_results.acceptance_texts import (
     required_text,
     row_verdict,
     shortfall_texts,
 )
-from wil_campaign.orchestrator.model.campaign_results import Summary
-from wil_campaign.orchestrator.model.caveats import (
+from wil_campaign.orchestrator.run_results.campaign_results import Summary
+from wil_campaign.orchestrator.run_results.caveats import (
     caveats,
     in_short,
     retried_texts,
     synthesised_texts,
 )
-from wil_campaign.orchestrator.model.exit_codes import standings_of
-from wil_campaign.orchestrator.model.results import Percentiles, RunResult
+from wil_campaign.orchestrator.run_results.exit_codes import standings_of
+from wil_campaign.orchestrator.run_results.run_result import Percentiles, RunResult
 from wil_campaign.safety.evaluation.judge import COLLISION_ALWAYS
 
 _COLUMNS = (

@@ -17,7 +17,7 @@ from wil_campaign.orchestrator.external.external_cameras import ExternalCamera
 from wil_campaign.orchestrator.external.external_readings import ReadingSources
 from wil_campaign.orchestrator.external.motion_captures import MotionCaptures
 from wil_campaign.orchestrator.external.requested_images import RequestedImages, requested_images
-from wil_campaign.orchestrator.model.external_results import ExternalResult
+from wil_campaign.orchestrator.run_results.result_parts import ExternalResult
 from wil_campaign.orchestrator.state.observer import Observer
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState, Stage

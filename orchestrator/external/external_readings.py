@@ -10,7 +10,7 @@ from wil_campaign.campaigns.values.sensor_setups import DepthSetup, OtherSetup, 
 from wil_campaign.hooks import sources
 from wil_campaign.installed_plugins import added, load
 from wil_campaign.orchestrator.external.external_sources import ExternalSource
-from wil_campaign.orchestrator.model.external_results import SourceResult
+from wil_campaign.orchestrator.run_results.result_parts import SourceResult
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.driver.session.repeater import Repeater

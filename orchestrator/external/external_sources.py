@@ -6,7 +6,7 @@ from contextlib import AsyncExitStack
 from dataclasses import replace
 
 from wil_campaign.campaigns.values.external_setups import ShownAs
-from wil_campaign.orchestrator.model.external_results import SourceResult
+from wil_campaign.orchestrator.run_results.result_parts import SourceResult
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.readings import Reading, Source
 from wil_campaign.vehicles.sources.camera_source import (

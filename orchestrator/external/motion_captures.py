@@ -9,7 +9,7 @@ from typing import Protocol, Self
 from wil_campaign.campaigns.values.external_setups import MocapSetup
 from wil_campaign.hooks import motion_captures
 from wil_campaign.installed_plugins import added, load
-from wil_campaign.orchestrator.model.external_results import CaptureResult
+from wil_campaign.orchestrator.run_results.result_parts import CaptureResult
 from wil_campaign.vehicles.readings import PoseReading, Source
 from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.vehicles.sources.feed_statistics import FeedStatistics

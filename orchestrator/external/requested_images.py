@@ -6,7 +6,7 @@ from typing import Protocol, Self
 from wil_campaign.campaigns.values.external_setups import SourceSetup
 from wil_campaign.hooks import image_sources
 from wil_campaign.installed_plugins import added, load
-from wil_campaign.orchestrator.model.external_results import SourceResult
+from wil_campaign.orchestrator.run_results.result_parts import SourceResult
 from wil_campaign.vehicles.cameras.rendered_cameras import ImageSource
 from wil_campaign.vehicles.readings import Source
 from wil_campaign.worlds.camera import Intrinsics

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from wil_campaign.orchestrator.model.flight_place import FlightPlace
+from wil_campaign.orchestrator.operator.run_messages import FlightPlace
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 WITHIN_S = 5.0

@@ -9,13 +9,12 @@ from threading import Thread
 from typing import Any, Protocol
 
 from wil_campaign.foundation.tasks import Contained
-from wil_campaign.orchestrator.model.flight_place import FlightPlace
-from wil_campaign.orchestrator.model.progress import Happening, News, Progress
-from wil_campaign.orchestrator.model.results import RunResult, Stop
 from wil_campaign.orchestrator.operator.acknowledgements import Acknowledged, Acknowledgements
 from wil_campaign.orchestrator.operator.campaign_records import Place
 from wil_campaign.orchestrator.operator.operator_log import OperatorLog
+from wil_campaign.orchestrator.operator.run_messages import FlightPlace, Happening, News, Progress
 from wil_campaign.orchestrator.operator.socket_client import tell
+from wil_campaign.orchestrator.run_results.run_result import RunResult, Stop
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 from wil_campaign.campaigns.values.acceptance import Requirement
 from wil_campaign.foundation.files.documents import Data
-from wil_campaign.orchestrator.model.campaign_results import Summary
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.campaign_results import Summary
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.worlds.frames import Vec3
 
 

@@ -10,15 +10,15 @@ from pydantic import TypeAdapter, ValidationError
 
 from wil_campaign.campaigns.values.acceptance import Requirement
 from wil_campaign.foundation.files.limited_json import JsonLimitError, check_values, read_limited
-from wil_campaign.orchestrator.campaign.resuming.run_ledger import open_orders
-from wil_campaign.orchestrator.model.campaign_results import Summary
-from wil_campaign.orchestrator.model.results_reader import result_model, summary_model
+from wil_campaign.orchestrator.campaign.resuming.cluster_ledger import open_orders
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.flown_requirements import (
     RequirementsError,
     flown_requirements,
 )
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
+from wil_campaign.orchestrator.run_results.campaign_results import Summary
+from wil_campaign.orchestrator.run_results.result_reader import result_model, summary_model
 
 T = TypeVar("T")
 

@@ -15,7 +15,6 @@ import numpy as np
 from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.foundation.tasks import TakeFault
-from wil_campaign.orchestrator.model.run_log import RunLog
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME as JUDGED
 from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
 from wil_campaign.orchestrator.recording.mcap.mcap_encode import PERCEIVED
@@ -28,6 +27,7 @@ from wil_campaign.orchestrator.recording.mcap.mcap_writer import (
 from wil_campaign.orchestrator.recording.recording_facts import mounts_in
 from wil_campaign.orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
 from wil_campaign.orchestrator.state.mixtures import MixedFrame, PreviewImages
+from wil_campaign.orchestrator.state.run_log import RunLog
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.evaluation.judge_log import LoggedSample

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from wil_campaign import hooks
+from wil_campaign.foundation.files.document_writer import write_whole
 from wil_campaign.foundation.processes.linux import usable_cores
 from wil_campaign.hooks import ReportSection, RunSection, Section
 from wil_campaign.installed_plugins import added, load
-from wil_campaign.orchestrator.model.document_writer import write_whole
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
 from wil_campaign.orchestrator.recording.timestamps import utc_text

@@ -7,8 +7,8 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.reading.model import Commanded
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, Vec3

@@ -4,7 +4,7 @@ from collections.abc import Coroutine, Iterable, Iterator, Mapping
 from contextlib import AsyncExitStack
 from typing import Any
 
-from wil_campaign.orchestrator.model.external_results import ExternalResult
+from wil_campaign.orchestrator.run_results.result_parts import ExternalResult
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.model.oracle_results import Flag

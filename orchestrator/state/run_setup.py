@@ -11,8 +11,8 @@ from wil_campaign.campaigns.setup.actor_setups import ActorSetup
 from wil_campaign.campaigns.setup.case_setup import FLIES, Case, VehicleSetup
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
 from wil_campaign.foundation.clocks.virtual_loop import Clock
-from wil_campaign.orchestrator.model.results import Attempt
-from wil_campaign.orchestrator.model.return_path import ReturnPath
+from wil_campaign.orchestrator.run_results.run_result import Attempt
+from wil_campaign.orchestrator.state.return_path import ReturnPath
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.profile import Profile, load_profile
 from wil_campaign.worlds.scene.scene import Scene

@@ -6,8 +6,8 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Literal
 
-from wil_campaign.orchestrator.model.faults import Fault, FaultLog, Faults
-from wil_campaign.orchestrator.model.twin_results import DropOut
+from wil_campaign.orchestrator.run_results.result_parts import DropOut
+from wil_campaign.orchestrator.state.faults import Fault, FaultLog, Faults
 from wil_campaign.safety.model.verdict import DecisiveEvent, DecisiveKind
 
 Stage = Literal[

@@ -16,9 +16,9 @@ from cyclopts import Parameter
 from wil_campaign.campaigns.schema.calibration import CalibrationPart
 from wil_campaign.campaigns.schema.sources import MocapPart, SourcePart
 from wil_campaign.campaigns.values.external_setups import MocapSetup
+from wil_campaign.foundation.files.document_writer import write_whole
 from wil_campaign.foundation.files.documents import BadInput, KeyFaultError
 from wil_campaign.orchestrator.cli.standard_streams import err, out
-from wil_campaign.orchestrator.model.document_writer import write_whole
 from wil_campaign.plugins.calibration.board_search import BoardViews, is_run, search_file
 from wil_campaign.plugins.calibration.boards import (
     Board,

@@ -13,8 +13,8 @@ from wil_campaign.foundation.files.problems import Problem
 from wil_campaign.orchestrator.cli.markdown import markdown_table, markdown_text
 from wil_campaign.orchestrator.cli.standard_streams import err
 from wil_campaign.orchestrator.cli.verdict_table import MORE_ABOVE, conclusions, verdict_table
-from wil_campaign.orchestrator.model.campaign_results import Summary
-from wil_campaign.orchestrator.model.junit import junit_xml
+from wil_campaign.orchestrator.run_results.campaign_results import Summary
+from wil_campaign.orchestrator.run_results.junit import junit_xml
 from wil_campaign.plugins.ci.repository_paths import repository_path
 
 _SHOWN = 10

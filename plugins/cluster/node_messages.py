@@ -12,9 +12,9 @@ from wil_campaign.foundation.files.yaml_nodes import Entry, Node, Place, Source
 from wil_campaign.foundation.processes.codec import Codec, Message, MessageError, Plain
 from wil_campaign.orchestrator.campaign.workers.run_order import map_documents
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
-from wil_campaign.orchestrator.model.campaign_results import VehicleKind
-from wil_campaign.orchestrator.model.progress import Happening, News, Progress
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.operator.run_messages import Happening, News, Progress
+from wil_campaign.orchestrator.run_results.campaign_results import VehicleKind
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.plugins.cluster.travelling_files import TravellingFiles
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand

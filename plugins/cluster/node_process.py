@@ -30,9 +30,9 @@ from wil_campaign.orchestrator.campaign.workers.run_order import (
 )
 from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
 from wil_campaign.orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
-from wil_campaign.orchestrator.model.progress import News, ProgressLimiter
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.operator.local_commands import tell_guards
+from wil_campaign.orchestrator.operator.run_messages import News, ProgressLimiter
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.plugins.cluster.node_facts import node_facts
 from wil_campaign.plugins.cluster.node_messages import (

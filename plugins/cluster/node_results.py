@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.plugins.cluster.node_messages import (
     CampaignBrought,

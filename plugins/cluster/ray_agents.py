@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
-from wil_campaign.orchestrator.model.flight_place import FlightPlace
+from wil_campaign.orchestrator.operator.run_messages import FlightPlace
 from wil_campaign.plugins.cluster.cluster_places import waiting_text
 from wil_campaign.plugins.cluster.node_agent import NodeAgent
 from wil_campaign.plugins.cluster.node_facts import node_facts, unfit_text

@@ -22,7 +22,7 @@ from wil_campaign.orchestrator.campaign.folder.manifest import (
     read_files,
 )
 from wil_campaign.orchestrator.campaign.folder.named_files import files_in_place, named_files
-from wil_campaign.orchestrator.campaign.resuming.run_ledger import (
+from wil_campaign.orchestrator.campaign.resuming.cluster_ledger import (
     CampaignPlace,
     RunLedger,
     first_session,

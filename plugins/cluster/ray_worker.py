@@ -5,12 +5,12 @@ from collections import deque
 from collections.abc import Callable
 
 from wil_campaign.foundation.processes.codec import MessageError
-from wil_campaign.orchestrator.campaign.resuming.run_ledger import RunLedger
+from wil_campaign.orchestrator.campaign.resuming.cluster_ledger import RunLedger
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.campaign.workers.run_order import resolve_order
 from wil_campaign.orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
-from wil_campaign.orchestrator.model.flight_place import FlightPlace
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.operator.run_messages import FlightPlace
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.plugins.cluster.node_messages import (
     CommandSent,

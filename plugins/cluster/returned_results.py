@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
-from wil_campaign.orchestrator.model.attempts import failed_too
-from wil_campaign.orchestrator.model.results import RunResult
-from wil_campaign.orchestrator.model.results_reader import ResultError, read_result
+from wil_campaign.orchestrator.run_results.attempts import failed_too
+from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.plugins.cluster.node_messages import RunEnded
 from wil_campaign.plugins.cluster.store import Store, StoreError

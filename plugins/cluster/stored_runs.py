@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from wil_campaign.orchestrator.model.document_writer import sync_files
+from wil_campaign.foundation.files.document_writer import sync_files
 from wil_campaign.plugins.cluster.store import MissingFileError, Store, StoreError
 
 RESULT_FILE = "result.json"

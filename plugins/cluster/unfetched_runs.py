@@ -6,13 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
-from wil_campaign.orchestrator.campaign.resuming.resumption import ResumeError
-from wil_campaign.orchestrator.campaign.resuming.run_ledger import (
+from wil_campaign.orchestrator.campaign.resuming.cluster_ledger import (
     OpenOrder,
     campaign_places,
     open_orders,
 )
-from wil_campaign.orchestrator.model.results_reader import ResultError, read_result
+from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import ResumeError
+from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
 from wil_campaign.plugins.cluster.store import Store, StoreError, StoreRefusedError, open_store
 from wil_campaign.plugins.cluster.stored_runs import (
     RESULT_FILE,

@@ -16,8 +16,6 @@ from wil_campaign.orchestrator.live_feed.feed_messages import (
     VehicleView,
     flown_poses,
 )
-from wil_campaign.orchestrator.model.results import RunResult
-from wil_campaign.orchestrator.model.results_reader import ResultError, read_result
 from wil_campaign.orchestrator.reading.judged_motion import read_judged_motion
 from wil_campaign.orchestrator.reading.model import Commanded
 from wil_campaign.orchestrator.reading.trajectory_file import read_trajectory
@@ -27,6 +25,8 @@ from wil_campaign.orchestrator.recording.recorded_images import NotDrawnAgainErr
 from wil_campaign.orchestrator.recording.recording_facts import fences_in
 from wil_campaign.orchestrator.report.model import LogEvent
 from wil_campaign.orchestrator.report.reading.event_log import read_event_log
+from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.console.playback import Playback
 from wil_campaign.plugins.python.mcap_reader import RecordedReading, Recording
 from wil_campaign.safety.evaluation.judge_log import JudgeLogError, read_judge_log

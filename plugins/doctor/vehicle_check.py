@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.hooks import vehicle_checks
 from wil_campaign.installed_plugins import absent, added, load
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle
@@ -14,7 +15,6 @@ from wil_campaign.orchestrator.cli.arming_consent import (
     find_vehicle,
 )
 from wil_campaign.orchestrator.cli.standard_streams import err, out
-from wil_campaign.orchestrator.model.document_writer import to_json
 from wil_campaign.vehicles.errors import VehicleError
 from wil_campaign.vehicles.links.link_strings import LinkAddress, LinkAddressError, parse_link
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from wil_campaign.campaigns.setup.case_setup import VehicleSetup
-from wil_campaign.orchestrator.model.external_results import ExternalResult
+from wil_campaign.orchestrator.run_results.result_parts import ExternalResult
 from wil_campaign.orchestrator.state.observer import Observer
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from wil_campaign.orchestrator.model.external_results import InjectedResult
+from wil_campaign.orchestrator.run_results.result_parts import InjectedResult
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.plugins.injection.injection_setups import InjectionSetup
 from wil_campaign.plugins.injection.pose_messages import (

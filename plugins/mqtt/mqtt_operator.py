@@ -22,10 +22,10 @@ from wil_campaign.foundation.tasks import (
     start,
     stop,
 )
-from wil_campaign.orchestrator.model.progress import News
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
 from wil_campaign.orchestrator.operator.errors import OperatingError
+from wil_campaign.orchestrator.operator.run_messages import News
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.mqtt.message_signing import signed, status_key
 from wil_campaign.plugins.mqtt.mqtt_answers import CommandAnswers
 from wil_campaign.plugins.mqtt.mqtt_commands import CommandReader, RefusedCommandError

@@ -6,8 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from wil_campaign.orchestrator.model.progress import Happening, News, Progress, VehicleProgress
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.operator.run_messages import (
+    Happening,
+    News,
+    Progress,
+    VehicleProgress,
+)
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,8 @@ from typing import Protocol, Self
 
 import cv2
 
+from wil_campaign.foundation.files.document_writer import write_whole
 from wil_campaign.foundation.files.paths import exists, is_file, is_folder
-from wil_campaign.orchestrator.model.document_writer import write_whole
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import LOSSLESS
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder, RecordingReport
 from wil_campaign.orchestrator.recording.video import VideoWriter

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup
-from wil_campaign.orchestrator.model.external_results import ExternalResult, OutletResult
+from wil_campaign.orchestrator.run_results.result_parts import ExternalResult, OutletResult
 from wil_campaign.orchestrator.state.observer import Observer
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.plugins.outlets.image_delivery import Delivery

@@ -5,7 +5,7 @@ from typing import Any
 
 import av
 
-from wil_campaign.orchestrator.model.document_writer import write_whole
+from wil_campaign.foundation.files.document_writer import write_whole
 from wil_campaign.plugins.outlets.h264_encoder import RTP_CLOCK, H264Settings, to_frame
 from wil_campaign.plugins.outlets.image_delivery import DeliveryError
 from wil_campaign.plugins.outlets.sdp import RtpAddress, h264_sdp

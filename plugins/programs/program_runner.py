@@ -12,9 +12,9 @@ from wil_campaign.campaigns.setup.autonomy_under_test import UnderTest
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup
 from wil_campaign.foundation.processes.supervisor import supervised
 from wil_campaign.foundation.tasks import start, stop
-from wil_campaign.orchestrator.model.external_results import ProgramResult
 from wil_campaign.orchestrator.run.perception.foreign_runner import ForeignRunner
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run_results.result_parts import ProgramResult
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext

@@ -1,6 +1,6 @@
 """The video of an autonomy program: the images of one camera, and whether enough are sent."""
 
-from wil_campaign.orchestrator.model.external_results import OutletResult
+from wil_campaign.orchestrator.run_results.result_parts import OutletResult
 from wil_campaign.plugins.outlets.image_delivery import Delivery, DeliveryCounts
 from wil_campaign.vehicles.readings import CameraReading, Reading
 

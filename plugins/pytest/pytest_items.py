@@ -23,9 +23,9 @@ from wil_campaign.campaigns.setup.bench_file import load_benches
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL
-from wil_campaign.orchestrator.model.control_results import control_faults
-from wil_campaign.orchestrator.model.exit_codes import standings_of
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.control_results import control_faults
+from wil_campaign.orchestrator.run_results.exit_codes import standings_of
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.pytest.pytest_plugin import REPORTS
 from wil_campaign.plugins.python.campaign_results import CampaignResults
 from wil_campaign.plugins.python.flying import CannotFlyError, run

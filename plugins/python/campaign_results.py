@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import wil_campaign
-from wil_campaign.orchestrator.model.campaign_results import Summary
-from wil_campaign.orchestrator.model.results import Percentiles, RunResult
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.run_results.campaign_results import Summary
+from wil_campaign.orchestrator.run_results.run_result import Percentiles, RunResult
 from wil_campaign.safety.model.oracle_results import OracleResult
 
 if TYPE_CHECKING:

@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter
 
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
 from wil_campaign.orchestrator.cli.run_selection import Choice
-from wil_campaign.orchestrator.model.document_writer import to_json
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

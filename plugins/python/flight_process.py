@@ -18,15 +18,15 @@ from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.campaign.campaign_runner import fly_campaign
 from wil_campaign.orchestrator.campaign.display_thread import DisplayThread
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
-from wil_campaign.orchestrator.campaign.resuming.resumption import ResumeError
+from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import ResumeError
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL, EngineError
 from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
 from wil_campaign.orchestrator.cli.arming_consent import RefusedError
 from wil_campaign.orchestrator.cli.engine_flight import ready_flight
 from wil_campaign.orchestrator.cli.final_report import write_final_report
-from wil_campaign.orchestrator.model.progress import Progress
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.operator.errors import OperatingError
+from wil_campaign.orchestrator.operator.run_messages import Progress
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.python.flight_messages import (
     CampaignEnded,
     CampaignRefused,

@@ -19,7 +19,7 @@ from wil_campaign.campaigns.expansion.expansion import Campaign, Options, reques
 from wil_campaign.orchestrator.campaign.flight_options import USUAL, FlightOptions
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL
 from wil_campaign.orchestrator.cli.run_selection import ALL, Choice
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.python.campaign_results import CampaignResults, read_results
 from wil_campaign.plugins.python.flight_messages import (
     CampaignEnded,

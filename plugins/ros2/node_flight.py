@@ -14,11 +14,11 @@ from typing import Literal, cast
 
 from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.foundation.tasks import start, stop
-from wil_campaign.orchestrator.model.external_results import ProgramResult, TopicResult
 from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
 from wil_campaign.orchestrator.run.perception.stray_errors import decide_fault
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run_results.result_parts import ProgramResult, TopicResult
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext

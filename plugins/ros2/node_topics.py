@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from wil_campaign.orchestrator.model.external_results import TopicResult
+from wil_campaign.orchestrator.run_results.result_parts import TopicResult
 from wil_campaign.plugins.ros2.messages.topics import OutTopic
 from wil_campaign.plugins.ros2.wire import Wire
 

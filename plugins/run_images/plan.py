@@ -65,6 +65,8 @@ def _draw_scene(sheet: Sheet, run: RunReport, scale: "_Scale", until_s: float | 
             fill = None if outline.is_room else outline.rgb
             if len(corners) > 2:
                 sheet.pen.polygon(corners, fill, DIM)
+            else:
+                sheet.pen.line(corners, fill or DIM, 1)
     at_s = until_s if until_s is not None else None if run.moment is None else run.moment.t_s
     for track in run.tracks:
         _draw_track(sheet, track, scale, until_s, at_s)

@@ -11,7 +11,7 @@ from wil_campaign.orchestrator.campaign.display_thread import Display
 from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import attached_vehicles
 from wil_campaign.orchestrator.cli.arming_consent import NotConfirmedError, clear
-from wil_campaign.orchestrator.model.results import RunResult, Stop
+from wil_campaign.orchestrator.run_results.run_result import RunResult, Stop
 
 _SIGNAL, _COMMAND, _BROKEN = 130, 4, 3
 """Exit codes of a flown campaign."""

@@ -14,7 +14,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from wil_campaign.orchestrator.model.document_writer import sync_folder, to_json, write_whole
+from wil_campaign.foundation.files.document_writer import sync_folder, to_json, write_whole
 from wil_campaign.plugins.search.errors import SearchError
 from wil_campaign.plugins.search.exploration.model import Batch, FlightOutcome
 

@@ -16,7 +16,7 @@ from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.orchestrator.campaign.display_thread import Display, DisplayThread
 from wil_campaign.orchestrator.campaign.flight_options import FlightOptions
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
-from wil_campaign.orchestrator.campaign.resuming.resumption import ResumeError
+from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import ResumeError
 from wil_campaign.orchestrator.campaign.workers.run_engine import LOCAL, EngineError
 from wil_campaign.orchestrator.cli.arming_consent import RefusedError
 from wil_campaign.orchestrator.cli.engine_flight import check_engine, result_store

@@ -14,6 +14,7 @@ import yaml
 from wil_campaign.campaigns.expansion.expansion import RunPlan
 from wil_campaign.campaigns.schema import matrix_keys
 from wil_campaign.campaigns.setup.overrides import Override
+from wil_campaign.foundation.files.document_writer import to_json, write_whole
 from wil_campaign.foundation.files.documents import Data
 from wil_campaign.foundation.files.yaml_nodes import plain
 from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
@@ -24,10 +25,12 @@ from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
     make_folder,
 )
 from wil_campaign.orchestrator.campaign.folder.manifest import manifest
-from wil_campaign.orchestrator.campaign.resuming.resumption import resumed_folder, resumed_manifest
-from wil_campaign.orchestrator.model.attempts import ended_attempts, passed_text
-from wil_campaign.orchestrator.model.document_writer import to_json, write_whole
-from wil_campaign.orchestrator.model.results import RunResult, Stop
+from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import (
+    resumed_folder,
+    resumed_manifest,
+)
+from wil_campaign.orchestrator.run_results.attempts import ended_attempts, passed_text
+from wil_campaign.orchestrator.run_results.run_result import RunResult, Stop
 from wil_campaign.plugins.search.engine import Engine
 from wil_campaign.plugins.search.exploration.learning_strategies import make_strategy
 from wil_campaign.plugins.search.exploration.model import (

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from wil_campaign.campaigns.values.external_setups import SourceSetup
-from wil_campaign.orchestrator.model.external_results import SourceResult
+from wil_campaign.orchestrator.run_results.result_parts import SourceResult
 from wil_campaign.plugins.simulator.shown_world import asked_world, poses_of_moving
 from wil_campaign.plugins.simulator.simulator_camera import ZmqImageSource
 from wil_campaign.plugins.simulator.visible_ids import compare_ids

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from wil_campaign.foundation.files.document_writer import write_whole
 from wil_campaign.foundation.files.problems import printable
 from wil_campaign.hooks import starter_options, starters
 from wil_campaign.installed_plugins import absent, added, load
@@ -19,7 +20,6 @@ from wil_campaign.orchestrator.cli.plugin_options import (
 )
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.installation import pip_requirement, program_text
-from wil_campaign.orchestrator.model.document_writer import write_whole
 from wil_campaign.plugins.start.schema_command import schema_texts
 
 _WORKFLOW = ".github/workflows/wil-campaign.yml"

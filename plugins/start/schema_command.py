@@ -3,9 +3,9 @@
 import json
 from pathlib import Path
 
+from wil_campaign.foundation.files.document_writer import write_whole
 from wil_campaign.foundation.files.problems import printable
 from wil_campaign.orchestrator.cli.standard_streams import err, out
-from wil_campaign.orchestrator.model.document_writer import write_whole
 from wil_campaign.plugins.start.json_schemas import SCHEMAS
 
 

@@ -9,11 +9,11 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from wil_campaign.foundation.files.document_writer import write_whole
 from wil_campaign.foundation.files.problems import printable
 from wil_campaign.orchestrator.cli.markdown import markdown_table, markdown_text
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import table
-from wil_campaign.orchestrator.model.document_writer import write_whole
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.recording.timestamps import utc_text
 from wil_campaign.plugins.statistics.comparison.baseline import FlownSet

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from wil_campaign.campaigns.statistics.proportions import Interval, clopper_pearson
-from wil_campaign.orchestrator.model.equal_runs import are_equal, measured
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.exit_codes import are_equal, measured
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.statistics.inference.exact_tests import (
     Counts,
     Table,

@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Self
 
-from wil_campaign.orchestrator.model.document_writer import to_json
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
 from wil_campaign.plugins.statistics.gap.campaign_gap import read_gap

@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle
 from wil_campaign.orchestrator.cli.arming_consent import (
     UNAVAILABLE,
@@ -14,7 +15,6 @@ from wil_campaign.orchestrator.cli.arming_consent import (
 )
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import table
-from wil_campaign.orchestrator.model.document_writer import to_json
 from wil_campaign.plugins.doctor.vehicle_check import (
     exit_code_of,
     identity_document,

@@ -24,8 +24,8 @@ from tests.faults.signals import Outcome, SignalFault, draw, fly_mission, fly_se
 from tests.faults.wire_changes import BOARDS, HEADINGS, OTHERS, UIDS, Hold, WireFault, through
 from tests.orchestrator.flights import log_of
 from wil_campaign.foundation.files.problems import BadInput
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind
 

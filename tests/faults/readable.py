@@ -5,7 +5,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from wil_campaign.orchestrator.model.results_reader import read_result
+from wil_campaign.orchestrator.run_results.result_reader import read_result
 from wil_campaign.plugins.python.mcap_reader import Recording
 
 

@@ -39,9 +39,9 @@ from tests.faults.relay import Change, lost_position, relay
 from tests.faults.truth_changes import truth_change
 from tests.orchestrator.conftest import vehicles_on
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.flight.run import fly
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand

@@ -22,10 +22,10 @@ from tests.faults.readable import unreadable
 from tests.faults.strikes import KEY, Strike, signing_vehicles
 from tests.faults.witness import Witness
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.flight import run as running
 from wil_campaign.orchestrator.run.perception.warm_up import warm_up
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.safety.guard.core.commands import Alive

@@ -19,10 +19,9 @@ from wil_campaign.orchestrator.campaign.workers.local_workers import LocalWorker
 from wil_campaign.orchestrator.campaign.workers.run_order import completed_run, fly_order
 from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.model.operator_command import Inbox
-from wil_campaign.orchestrator.model.progress import Report
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
 from wil_campaign.orchestrator.run.flight import run as running
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 
 SIGNAL = "a signal"

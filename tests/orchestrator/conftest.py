@@ -12,13 +12,12 @@ import pytest
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.model import run_log
-from wil_campaign.orchestrator.model.operator_command import Inbox
-from wil_campaign.orchestrator.model.progress import Report
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.operator import operator_log
+from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
 from wil_campaign.orchestrator.run.flight.run import Disturb, fly
 from wil_campaign.orchestrator.run.vehicles import vehicle_backends
+from wil_campaign.orchestrator.run_results.run_result import RunResult
+from wil_campaign.orchestrator.state import run_log
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.orchestrator.campaign.resuming.test_resumption import quick_fly
+from tests.orchestrator.campaign.resuming.test_runs_to_fly import quick_fly
 from tests.orchestrator.flights import log_of
 from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
@@ -20,9 +20,8 @@ from wil_campaign.orchestrator.campaign.campaign_runner import (
 from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
 from wil_campaign.orchestrator.campaign.workers import run_engine
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.model.operator_command import Inbox
-from wil_campaign.orchestrator.model.progress import Report
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 
 

@@ -14,9 +14,9 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
+from wil_campaign.foundation.files.document_writer import sync_folder, write_whole
 from wil_campaign.foundation.files.paths import exists, require_utf8
 from wil_campaign.foundation.files.problems import BadInput, Problem
-from wil_campaign.orchestrator.model.document_writer import sync_folder, write_whole
 from wil_campaign.orchestrator.recording.timestamps import folder_stamp
 
 _EARLIER = "earlier"

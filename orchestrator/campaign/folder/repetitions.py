@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
 from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 
 def planned(campaign: Campaign, *, arm: bool) -> tuple[RunPlan, ...]:

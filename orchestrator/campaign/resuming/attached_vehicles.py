@@ -14,7 +14,7 @@ from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup, VehicleSetup
-from wil_campaign.orchestrator.model.campaign_results import VehicleKind
+from wil_campaign.orchestrator.run_results.campaign_results import VehicleKind
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.session.identity import Identity, same_vehicle

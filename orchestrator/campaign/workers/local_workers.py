@@ -35,9 +35,8 @@ from wil_campaign.orchestrator.campaign.workers.run_workers import (
     Outcome,
     WorkerLost,
 )
-from wil_campaign.orchestrator.model.call_marker import CallMark, adopt_mark
-from wil_campaign.orchestrator.model.flight_place import FlightPlace
-from wil_campaign.orchestrator.model.progress import News, ProgressLimiter
+from wil_campaign.orchestrator.operator.run_messages import FlightPlace, News, ProgressLimiter
+from wil_campaign.orchestrator.state.call_marker import CallMark, adopt_mark
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.vehicles.vehicle_server_process import (
     VehicleServerProcess,

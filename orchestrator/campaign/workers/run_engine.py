@@ -13,7 +13,7 @@ from wil_campaign.orchestrator.campaign.workers.run_order import (
     fly_order,
 )
 from wil_campaign.orchestrator.campaign.workers.run_workers import Workers
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 
 LOCAL = "local"

@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from wil_campaign.campaigns.setup.case_files import CaseFiles
+from wil_campaign.foundation.files.document_writer import sync_files, to_json, write_whole
 from wil_campaign.foundation.files.documents import Document
 from wil_campaign.foundation.files.user_modules import all_user_files, forget_user_modules
 from wil_campaign.foundation.processes.linux import processor_wait_s
@@ -27,12 +28,10 @@ from wil_campaign.orchestrator.campaign.folder.campaign_folder import (
 )
 from wil_campaign.orchestrator.campaign.folder.named_files import document_place
 from wil_campaign.orchestrator.campaign.workers.run_output import kept_output
-from wil_campaign.orchestrator.model.attempts import after_attempts
-from wil_campaign.orchestrator.model.document_writer import sync_files, to_json, write_whole
-from wil_campaign.orchestrator.model.operator_command import Inbox
-from wil_campaign.orchestrator.model.progress import Progress, Report
-from wil_campaign.orchestrator.model.results import RunResult
-from wil_campaign.orchestrator.model.results_reader import ResultError, read_result
+from wil_campaign.orchestrator.operator.run_messages import Inbox, Progress, Report
+from wil_campaign.orchestrator.run_results.attempts import after_attempts
+from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 
 LONGEST_LOADING_S = 30.0

@@ -4,10 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
-from wil_campaign.orchestrator.model.faults import Fault
-from wil_campaign.orchestrator.model.flight_place import FlightPlace
-from wil_campaign.orchestrator.model.operator_command import Inbox
-from wil_campaign.orchestrator.model.progress import Report
+from wil_campaign.orchestrator.operator.run_messages import FlightPlace, Inbox, Report
+from wil_campaign.orchestrator.state.faults import Fault
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 Order = TypeVar("Order")

@@ -20,8 +20,7 @@ from wil_campaign.orchestrator.campaign.workers.run_workers import (
     WorkerLost,
     Workers,
 )
-from wil_campaign.orchestrator.model.flight_place import FlightPlace
-from wil_campaign.orchestrator.model.progress import News, Report
+from wil_campaign.orchestrator.operator.run_messages import FlightPlace, News, Report
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 _FIRST_MESSAGE_S = 600.0

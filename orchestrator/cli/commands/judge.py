@@ -8,12 +8,12 @@ from cyclopts import Parameter
 
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.campaigns.setup.bench_file import load_benches
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.campaign.reevaluation import Reevaluation, judge_campaign_again
 from wil_campaign.orchestrator.cli.announcements import announce_verdicts
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import table
 from wil_campaign.orchestrator.cli.verdict_table import closing_lines
-from wil_campaign.orchestrator.model.document_writer import to_json
 from wil_campaign.orchestrator.recording.errors import RecordingError
 
 

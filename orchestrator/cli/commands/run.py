@@ -9,13 +9,14 @@ from cyclopts import Parameter
 
 from wil_campaign.campaigns.expansion.expansion import Campaign
 from wil_campaign.campaigns.schema import VEHICLES
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.hooks import LiveViewError, live_views, run_options
 from wil_campaign.installed_plugins import absent, added
 from wil_campaign.orchestrator.campaign.campaign_runner import CampaignOutcome, fly_campaign
 from wil_campaign.orchestrator.campaign.flight_options import USUAL, Cleared, FlightOptions
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError, TakenError
 from wil_campaign.orchestrator.campaign.folder.repetitions import planned
-from wil_campaign.orchestrator.campaign.resuming.resumption import ResumeError
+from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import ResumeError
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.cli.announcements import announce_verdicts
 from wil_campaign.orchestrator.cli.arming_consent import RefusedError
@@ -39,7 +40,6 @@ from wil_campaign.orchestrator.cli.verdict_table import (
     next_steps,
     verdict_table,
 )
-from wil_campaign.orchestrator.model.document_writer import to_json
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.orchestrator.report.campaign_report import WrittenReport
 

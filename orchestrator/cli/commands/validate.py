@@ -8,6 +8,7 @@ from cyclopts import Parameter
 from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
 from wil_campaign.campaigns.setup.bench_file import Bench, load_benches, read_bench
 from wil_campaign.foundation.clocks.virtual_loop import Clock
+from wil_campaign.foundation.files.document_writer import write_whole
 from wil_campaign.foundation.files.documents import BadInput, Problem
 from wil_campaign.hooks import campaign_keys, problem_formats
 from wil_campaign.installed_plugins import absent, added, load
@@ -21,7 +22,6 @@ from wil_campaign.orchestrator.cli.plugin_options import (
 )
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import count_text
-from wil_campaign.orchestrator.model.document_writer import write_whole
 from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.recipes.language.recipe_files import load_recipe_document
 from wil_campaign.worlds.world_file.world import World

@@ -15,11 +15,11 @@ from wil_campaign.orchestrator.cli.flight_choice import (
     status_line,
 )
 from wil_campaign.orchestrator.cli.standard_streams import out
-from wil_campaign.orchestrator.model.acceptance_texts import required_text
 from wil_campaign.orchestrator.operator.campaign_records import Place, Places
 from wil_campaign.orchestrator.operator.socket_client import NoAnswerError, ask
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.run_results.acceptance_texts import required_text
 
 _EVERY_S = 0.5
 _WORDS = {True: "accepted", False: "not accepted", None: "nothing required was flown"}

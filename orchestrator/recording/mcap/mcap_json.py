@@ -10,6 +10,7 @@ import dataclasses
 import json
 import math
 import uuid
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -60,10 +61,23 @@ def numbers(array: NDArray[np.float32]) -> list[Json]:
     return values
 
 
+_PLAIN = frozenset({float, int, str, bool, type(None)})
+
+
+@cache
+def _names(kind: type) -> tuple[str, ...] | None:
+    """Return the names of a dataclass's fields; None for another class."""
+    if not dataclasses.is_dataclass(kind):
+        return None
+    return tuple(field.name for field in dataclasses.fields(kind))
+
+
 def plain(value: Any) -> Json:
     """Return a frozen dataclass, its tuples and its parts as a JSON document."""
-    if dataclasses.is_dataclass(value):
-        names = [field.name for field in dataclasses.fields(value)]
+    kind: Any = type(value)
+    if kind in _PLAIN:
+        return value
+    if (names := _names(kind)) is not None:
         return {name: plain(getattr(value, name)) for name in names}
     if isinstance(value, tuple | list):
         return [plain(one) for one in value]

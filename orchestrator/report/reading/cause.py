@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.report.model import Cause, LogEvent, Margin, Moment, Success
 from wil_campaign.orchestrator.report.words import (
     NOTHING,
@@ -13,6 +12,7 @@ from wil_campaign.orchestrator.report.words import (
     short_time,
     time_text,
 )
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.oracles.registry import oracle_kinds
 

@@ -4,10 +4,10 @@ import math
 from collections.abc import Mapping, Sequence
 from itertools import takewhile
 
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.report.reading.cause import NearestPass
 from wil_campaign.orchestrator.report.reading.distances import TimedPose
 from wil_campaign.orchestrator.report.words import number_text
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.worlds.figures import distinct_text
 

@@ -1,7 +1,7 @@
 """Outlines of a world's objects from above and from the side; pure.
 
-An opening that is seen edge-on is drawn as floor plans draw a window: as a gap in its wall, so that
-a path goes through it and not through a lintel or a jamb.
+An opening that is seen edge-on is drawn as floor plans draw a window: as a gap in its wall, with a
+line from side to side, so that a path goes through it and not through a lintel or a jamb.
 """
 
 from collections.abc import Mapping
@@ -115,7 +115,8 @@ def _turned_outlines(
         # A room is seen from inside: draw one line around it instead of its walls.
         clouds = [(shape.mesh.vertices_m, None)]
     turned = Pose((0.0, 0.0, 0.0), q_wxyz)
-    cut = shapely.union_all([_cut(opening, turned, view) for opening in shape.openings])
+    cuts = [_cut(opening, turned, view, _THICK_M) for opening in shape.openings]
+    cut = shapely.union_all(cuts)
     found: list[tuple[Point, ...]] = []
     for corners, faces in clouds:
         points = _flat(_moved(turned, corners), view)
@@ -125,11 +126,13 @@ def _turned_outlines(
             flat = shapely.union_all(triangles[shapely.area(triangles) > 0.0])
         flat = shapely.simplify(shapely.difference(flat, cut), _FINE_M / 4)
         found += [ring_of(one) for one in shapely.get_parts(flat)]
+    lines = [_cut(opening, turned, view, 0.0) for opening in shape.openings]
+    found += [ring_of(line) for line in lines if not line.is_empty]
     return tuple(points for points in found if len(points) >= 2)
 
 
-def _cut(opening: Opening, turned: Pose, view: _View) -> shapely.Geometry:
-    """Return the area of an opening seen edge-on, as deep as a wall; else an empty one."""
+def _cut(opening: Opening, turned: Pose, view: _View, thick_m: float) -> shapely.Geometry:
+    """Return the area of an opening seen edge-on, so deep to both sides; else an empty one."""
     pose = turned.compose(opening.pose)
     axes, _ = view
     (into,) = {0, 1, 2} - set(axes)
@@ -143,7 +146,7 @@ def _cut(opening: Opening, turned: Pose, view: _View) -> shapely.Geometry:
         turns = np.linspace(0.0, 2.0 * np.pi, _RING_CORNERS, endpoint=False)
         ring = np.stack([np.cos(turns), np.sin(turns)], axis=1) * opening.limit_m
         corners = tuple((right, down) for right, down in ring.tolist())
-    ends = [(ahead, *corner) for corner in corners for ahead in (-_THICK_M, _THICK_M)]
+    ends = [(ahead, *corner) for corner in corners for ahead in (-thick_m, thick_m)]
     points = _flat(_moved(pose, np.array(ends)), view)
     return shapely.multipoints(points).convex_hull
 

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.reading.judged_motion import (
     JudgedMotion,
     read_judged_motion,
@@ -65,6 +64,7 @@ from wil_campaign.orchestrator.report.reading.world_facts import (
     recorded_world,
 )
 from wil_campaign.orchestrator.report.words import place_text, short_time, time_text, velocity_text
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.worlds.frames import Pose, norm, quat_from_euler

@@ -4,20 +4,20 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from wil_campaign.campaigns.values.acceptance import Requirement, Share
-from wil_campaign.orchestrator.model.acceptance_texts import (
+from wil_campaign.orchestrator.reading.model import CampaignDocuments
+from wil_campaign.orchestrator.report.words import MODES, NOTHING, number_text, runs_text
+from wil_campaign.orchestrator.run_results.acceptance_texts import (
     left_out_text,
     required_text,
     row_verdict,
     shortfall_texts,
     stand_in_text,
 )
-from wil_campaign.orchestrator.model.campaign_results import Summary
-from wil_campaign.orchestrator.model.caveats import caveats, synthesised_texts
-from wil_campaign.orchestrator.model.control_results import ended_text, expected_text
-from wil_campaign.orchestrator.model.exit_codes import standings_of
-from wil_campaign.orchestrator.model.results import RunResult, tightest_oracle
-from wil_campaign.orchestrator.reading.model import CampaignDocuments
-from wil_campaign.orchestrator.report.words import MODES, NOTHING, number_text, runs_text
+from wil_campaign.orchestrator.run_results.campaign_results import Summary
+from wil_campaign.orchestrator.run_results.caveats import caveats, synthesised_texts
+from wil_campaign.orchestrator.run_results.control_results import ended_text, expected_text
+from wil_campaign.orchestrator.run_results.exit_codes import standings_of
+from wil_campaign.orchestrator.run_results.run_result import RunResult, tightest_oracle
 from wil_campaign.safety.model.oracle_results import EvidenceResult
 
 _CONTACT = frozenset({"collision", "collision_always", "clearance"})

@@ -16,8 +16,6 @@ from urllib.parse import quote
 import yaml
 from markupsafe import Markup
 
-from wil_campaign.orchestrator.model.flown_firmware import distinct
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
 from wil_campaign.orchestrator.report.model import Frame, Mark, RunReport, Scan, Sight
 from wil_campaign.orchestrator.report.rendering import overview
@@ -31,6 +29,8 @@ from wil_campaign.orchestrator.report.rendering.plot_svg import (
     time_axis_svg,
 )
 from wil_campaign.orchestrator.report.words import MODES, number_text, short_time
+from wil_campaign.orchestrator.run_results.result_parts import distinct
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.vehicles.perception.depth_colors import FAR_M
 
 _HALF = 110.0

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from wil_campaign.orchestrator.model.operator_command import Inbox
+from wil_campaign.orchestrator.operator.run_messages import Inbox
 from wil_campaign.orchestrator.recording.run_recorder import RunRecorder
 from wil_campaign.orchestrator.run.flight.fence_changes import FenceChanges
 from wil_campaign.orchestrator.run.flight.progress_reporter import ProgressReporter

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Iterable, Mapping
 
 from wil_campaign.campaigns.expansion.expansion import RunPlan
-from wil_campaign.orchestrator.model.progress import (
+from wil_campaign.orchestrator.operator.run_messages import (
     Happening,
     HappeningKind,
     Progress,

@@ -9,10 +9,7 @@ from typing import Any
 
 from wil_campaign.foundation.clocks.virtual_loop import run_on
 from wil_campaign.foundation.tasks import FAULTS, TakeFault, TaskAccount, asked_to_end
-from wil_campaign.orchestrator.model.faults import fault_log
-from wil_campaign.orchestrator.model.operator_command import Inbox
-from wil_campaign.orchestrator.model.progress import Report
-from wil_campaign.orchestrator.model.results import Loss, RunResult, SlowAutonomy
+from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
 from wil_campaign.orchestrator.run.flight.conduct import EXPECTED, conduct
 from wil_campaign.orchestrator.run.flight.run_parts import GroundParts, flight_parts, ground_parts
 from wil_campaign.orchestrator.run.judging.run_outcome import (
@@ -27,6 +24,8 @@ from wil_campaign.orchestrator.run.perception.stray_errors import decide_stray
 from wil_campaign.orchestrator.run.perception.warm_up import warm_up
 from wil_campaign.orchestrator.run.vehicles.firmware_record import flown_firmware
 from wil_campaign.orchestrator.run.vehicles.pair import Pair, open_pair
+from wil_campaign.orchestrator.run_results.run_result import Loss, RunResult, SlowAutonomy
+from wil_campaign.orchestrator.state.faults import fault_log
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.recipes.working import StepError

@@ -12,8 +12,7 @@ from functools import partial
 from typing import Any
 
 from wil_campaign.orchestrator.external.external_io import ExternalIo
-from wil_campaign.orchestrator.model.operator_command import Inbox
-from wil_campaign.orchestrator.model.progress import Report
+from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import recording_settings
 from wil_campaign.orchestrator.recording.recording_facts import facts_of
 from wil_campaign.orchestrator.recording.run_recorder import RunRecorder

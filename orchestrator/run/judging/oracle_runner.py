@@ -11,8 +11,8 @@ from functools import partial
 from typing import TypeVar, cast, get_args
 
 from wil_campaign.foundation.clocks.sleeping import sleep_until
-from wil_campaign.orchestrator.model.results import FenceChange
-from wil_campaign.orchestrator.model.twin_results import DropOut
+from wil_campaign.orchestrator.run_results.result_parts import DropOut
+from wil_campaign.orchestrator.run_results.run_result import FenceChange
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.evaluation.judge import Judge

@@ -6,11 +6,18 @@ from dataclasses import replace
 
 from wil_campaign.campaigns.setup.named_objects import named_objects
 from wil_campaign.orchestrator.external.external_io import ExternalIo
-from wil_campaign.orchestrator.model.arming_steps import ArmingStep
-from wil_campaign.orchestrator.model.attempts import failed_too
-from wil_campaign.orchestrator.model.external_results import ExternalResult
-from wil_campaign.orchestrator.model.flown_firmware import FlownFirmware
-from wil_campaign.orchestrator.model.results import (
+from wil_campaign.orchestrator.run.perception.autonomy_runner import AutonomyRunner
+from wil_campaign.orchestrator.run.perception.foreign_runner import ForeignRunner
+from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop
+from wil_campaign.orchestrator.run.perception.perception import Perception
+from wil_campaign.orchestrator.run_results.attempts import failed_too
+from wil_campaign.orchestrator.run_results.result_parts import (
+    ArmingStep,
+    ExternalResult,
+    FlownFirmware,
+    TwinResult,
+)
+from wil_campaign.orchestrator.run_results.run_result import (
     ActorResult,
     CombinationResult,
     FenceChange,
@@ -26,11 +33,6 @@ from wil_campaign.orchestrator.model.results import (
     result_without_parts,
     with_note,
 )
-from wil_campaign.orchestrator.model.twin_results import TwinResult
-from wil_campaign.orchestrator.run.perception.autonomy_runner import AutonomyRunner
-from wil_campaign.orchestrator.run.perception.foreign_runner import ForeignRunner
-from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop
-from wil_campaign.orchestrator.run.perception.perception import Perception
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.recipes.visibility.coverage import Coverage

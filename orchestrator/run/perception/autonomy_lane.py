@@ -18,7 +18,6 @@ from queue import SimpleQueue
 from typing import Protocol
 
 from wil_campaign.foundation.processes.linux import processor_wait_s
-from wil_campaign.orchestrator.model.call_marker import calling
 from wil_campaign.orchestrator.run.perception.autonomy_calls import (
     AutonomyFault,
     HangWarning,
@@ -27,6 +26,7 @@ from wil_campaign.orchestrator.run.perception.autonomy_calls import (
     frames_in_words,
     require_run,
 )
+from wil_campaign.orchestrator.state.call_marker import calling
 from wil_campaign.vehicles.autonomy import Command
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.vehicles.readings.copies import copied

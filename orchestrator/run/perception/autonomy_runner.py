@@ -4,8 +4,6 @@ import asyncio
 from collections.abc import Callable
 
 from wil_campaign.foundation.clocks.sleeping import sleep_until
-from wil_campaign.orchestrator.model.external_results import ProgramResult
-from wil_campaign.orchestrator.model.results import SlowAutonomy
 from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
 from wil_campaign.orchestrator.run.perception.autonomy_lane import (
     LONGEST_BEHIND_S,
@@ -16,6 +14,8 @@ from wil_campaign.orchestrator.run.perception.autonomy_lane import (
 from wil_campaign.orchestrator.run.perception.autonomy_memory import MemoryMeter
 from wil_campaign.orchestrator.run.perception.foreign_runner import OpenedAutonomy
 from wil_campaign.orchestrator.run.perception.stray_errors import StrayErrors, decide_fault
+from wil_campaign.orchestrator.run_results.result_parts import ProgramResult
+from wil_campaign.orchestrator.run_results.run_result import SlowAutonomy
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.autonomy import Autonomy, PerceivesRaw

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
 from typing import Protocol
 
-from wil_campaign.orchestrator.model.external_results import ProgramResult
+from wil_campaign.orchestrator.run_results.result_parts import ProgramResult
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.autonomy import Autonomy
 from wil_campaign.vehicles.readings import Reading

@@ -2,7 +2,7 @@
 
 from array import array
 
-from wil_campaign.orchestrator.model.results import Percentiles, percentiles
+from wil_campaign.orchestrator.run_results.run_result import Percentiles, percentiles
 
 
 class Samples:

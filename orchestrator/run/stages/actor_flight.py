@@ -13,8 +13,8 @@ from wil_campaign.campaigns.setup.actor_setups import ActorSetup
 from wil_campaign.campaigns.setup.case_setup import SyncSetup
 from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.foundation.tasks import stop, together
-from wil_campaign.orchestrator.model.results import ActorResult
 from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
+from wil_campaign.orchestrator.run_results.run_result import ActorResult
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.model.samples import PoseSample

@@ -7,12 +7,12 @@ import asyncio
 from collections.abc import Collection, Iterable
 
 from wil_campaign.orchestrator.external.external_io import ExternalIo
-from wil_campaign.orchestrator.model.arming_steps import ArmingStep
 from wil_campaign.orchestrator.run.stages.distinct_vehicles import require_distinct
 from wil_campaign.orchestrator.run.stages.drop_outs import each
 from wil_campaign.orchestrator.run.vehicles.arming_record import ArmingRecord
 from wil_campaign.orchestrator.run.vehicles.onboard_configuration import OnboardConfiguration
 from wil_campaign.orchestrator.run.vehicles.preflight_checks import Preflight
+from wil_campaign.orchestrator.run_results.result_parts import ArmingStep
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import FlightError
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext

@@ -7,11 +7,11 @@ from contextlib import suppress
 from wil_campaign.campaigns.setup.case_setup import SyncSetup
 from wil_campaign.foundation.clocks.sleeping import sleep_until
 from wil_campaign.foundation.tasks import stop, together
-from wil_campaign.orchestrator.model.liftoff_delays import staggers_s
-from wil_campaign.orchestrator.model.results import NOT_ARMED
 from wil_campaign.orchestrator.run.stages.distinct_vehicles import require_distinct
 from wil_campaign.orchestrator.run.stages.drop_outs import each, each_left
+from wil_campaign.orchestrator.run.stages.liftoff_delays import staggers_s
 from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
+from wil_campaign.orchestrator.run_results.run_result import NOT_ARMED
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.autopilots.registry import autopilot_named

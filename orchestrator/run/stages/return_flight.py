@@ -7,7 +7,7 @@ from wil_campaign.campaigns.expansion.expansion import RunPlan
 from wil_campaign.campaigns.schema import RecordPart
 from wil_campaign.campaigns.setup.autonomy_under_test import UnderTest
 from wil_campaign.campaigns.setup.case_setup import GoalSetup
-from wil_campaign.orchestrator.model.return_path import ReturnPath
+from wil_campaign.orchestrator.state.return_path import ReturnPath
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 
 _RATE_HZ = 20.0

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 
 from wil_campaign.campaigns.setup.case_setup import SyncSetup
-from wil_campaign.orchestrator.model.results import SyncResult
+from wil_campaign.orchestrator.run_results.run_result import SyncResult
 from wil_campaign.orchestrator.state.liftoff_detector import LiftoffDetector
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext

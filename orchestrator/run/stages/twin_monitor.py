@@ -7,8 +7,8 @@ from itertools import groupby
 from operator import itemgetter
 
 from wil_campaign.foundation.clocks.sleeping import sleep_until
-from wil_campaign.orchestrator.model.results import percentiles
-from wil_campaign.orchestrator.model.twin_results import DropOut, TwinResult
+from wil_campaign.orchestrator.run_results.result_parts import DropOut, TwinResult
+from wil_campaign.orchestrator.run_results.run_result import percentiles
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.coupling import Coupling

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
-from wil_campaign.orchestrator.model.arming_steps import ArmingStep, StepName
+from wil_campaign.orchestrator.run_results.result_parts import ArmingStep, StepName
 
 Note = Callable[..., None]
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from wil_campaign.orchestrator.model.flown_firmware import FlownFirmware
+from wil_campaign.orchestrator.run_results.result_parts import FlownFirmware
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.errors import VehicleError

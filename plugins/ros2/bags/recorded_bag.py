@@ -17,7 +17,6 @@ from mcap.records import Channel, Message, Metadata
 from mcap.writer import CompressionType, Writer
 
 from wil_campaign.foundation.files.limited_json import loads_limited
-from wil_campaign.orchestrator.model.results_reader import ResultError, read_result
 from wil_campaign.orchestrator.reading.trajectory_file import Row, read_trajectory
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
@@ -25,6 +24,7 @@ from wil_campaign.orchestrator.recording.mcap.mcap_decode import camera_of, deco
 from wil_campaign.orchestrator.recording.mcap.mcap_json import Json
 from wil_campaign.orchestrator.recording.recorded_images import RecordedImages
 from wil_campaign.orchestrator.recording.recording_facts import campaign_in, mounts_in
+from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
 from wil_campaign.plugins.ros2.bags.bag_frames import BagFrames
 from wil_campaign.plugins.ros2.messages.reading_messages import (
     Made,

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from wil_campaign.orchestrator.model.document_writer import sync_folder
+from wil_campaign.foundation.files.document_writer import sync_folder
 
 
 @contextmanager

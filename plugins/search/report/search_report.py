@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from wil_campaign.orchestrator.model.document_writer import write_whole
+from wil_campaign.foundation.files.document_writer import write_whole
 from wil_campaign.orchestrator.recording.timestamps import utc_text
 from wil_campaign.orchestrator.report.rendering.page_parts import render_template
 from wil_campaign.plugins.search.exploration.coverage import SpaceCoverage, coverage_of

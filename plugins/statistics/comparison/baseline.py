@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from wil_campaign.foundation.files.documents import Data
-from wil_campaign.orchestrator.model.control_results import control_faults
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.run_results.control_results import control_faults
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
 
 _DOCUMENTS = ("campaign.json", "summary.json")

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 from statistics import median
 from typing import Literal
 
-from wil_campaign.orchestrator.model.equal_runs import are_equal
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.exit_codes import are_equal
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.statistics.comparison.errors import ComparisonError
 from wil_campaign.plugins.statistics.inference.exact_tests import Counts, fisher_exact
 from wil_campaign.plugins.statistics.inference.multiple_tests import holm

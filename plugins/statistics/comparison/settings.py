@@ -16,8 +16,8 @@ from wil_campaign.orchestrator.campaign.folder.manifest_changes import (
     changed_plugins,
     shortened,
 )
-from wil_campaign.orchestrator.model.flown_firmware import distinct, firmware_changes
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.result_parts import distinct, firmware_changes
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 _NO_SETTINGS = frozenset(
     {

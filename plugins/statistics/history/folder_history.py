@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from wil_campaign.orchestrator.model.document_writer import write_whole
+from wil_campaign.foundation.files.document_writer import write_whole
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
 from wil_campaign.orchestrator.recording.timestamps import utc_text

@@ -13,9 +13,9 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
-from wil_campaign.orchestrator.model.flown_firmware import FlownFirmware
-from wil_campaign.orchestrator.model.results import RunResult, tightest_oracle
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
+from wil_campaign.orchestrator.run_results.result_parts import FlownFirmware
+from wil_campaign.orchestrator.run_results.run_result import RunResult, tightest_oracle
 from wil_campaign.plugins.statistics.comparison.settings import settings_of
 
 _MOST_BYTES = 256 * 1024 * 1024

@@ -19,7 +19,7 @@ PUBLIC = "`python -m pydoc wil_campaign.api` shows what is public"
         ("from wil_campaign.worlds import frames", PUBLIC),
         ("from wil_campaign import vehicles", PUBLIC),
         (
-            "from wil_campaign.orchestrator.model.results import RunResult",
+            "from wil_campaign.orchestrator.run_results.run_result import RunResult",
             "from wil_campaign import RunResult",
         ),
         ("from wil_campaign.api import CameraReading, Pose", ""),

@@ -17,13 +17,13 @@ from tests.orchestrator.conftest import vehicles_on
 from tests.orchestrator.hover import STILL, WORLD
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.foundation.clocks import virtual_loop as clock
-from wil_campaign.orchestrator.campaign.resuming.lost_runs import lost_result
+from wil_campaign.orchestrator.campaign.resuming.runs_without_result import lost_result
 from wil_campaign.orchestrator.campaign.workers.local_workers import _lost_by_exception
-from wil_campaign.orchestrator.model.exit_codes import exit_code
-from wil_campaign.orchestrator.model.faults import fault_log
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.flight.run import Disturb, fly
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run_results.exit_codes import exit_code
+from wil_campaign.orchestrator.run_results.run_result import RunResult
+from wil_campaign.orchestrator.state.faults import fault_log
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand

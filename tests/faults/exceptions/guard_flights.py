@@ -24,7 +24,7 @@ from tests.faults.exceptions.injection import (
 from tests.safety.guard.remote_rigs import ROOT, SYSTEMS, RemoteFlight, until, words
 from wil_campaign.foundation.processes.child import ChildProcess
 from wil_campaign.foundation.tasks import TaskAccount
-from wil_campaign.orchestrator.model.faults import Faults, fault_log
+from wil_campaign.orchestrator.state.faults import Faults, fault_log
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.guard.core.commands import AnchorAt, BringDown, NewFences, Operate
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand

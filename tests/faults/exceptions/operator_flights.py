@@ -24,10 +24,10 @@ from tests.plugins.mqtt.test_mqtt_operator import ACCESS, SECRETS, Person
 from tests.ports import free_port
 from wil_campaign.foundation.tasks import TaskAccount
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
-from wil_campaign.orchestrator.model.faults import Faults, fault_log
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
+from wil_campaign.orchestrator.state.faults import Faults, fault_log
 from wil_campaign.plugins.mqtt.broker_address import BrokerAddress
 from wil_campaign.plugins.mqtt.embedded_broker import embedded_broker
 from wil_campaign.plugins.mqtt.mqtt_operator import mqtt_operating

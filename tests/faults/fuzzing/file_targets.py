@@ -17,11 +17,11 @@ from tests.orchestrator.report.recorded_campaign import write_campaign
 from wil_campaign.campaigns.expansion.expansion import load_campaign
 from wil_campaign.foundation.files.documents import BadInput, load, parse
 from wil_campaign.foundation.files.images import ImageError, decode_image
-from wil_campaign.orchestrator.model.results_reader import ResultError, read_result
 from wil_campaign.orchestrator.reading.results_folder import UnreadableError
 from wil_campaign.orchestrator.reading.trajectory_file import read_trajectory
 from wil_campaign.orchestrator.report.reading.event_log import read_event_log
 from wil_campaign.orchestrator.report.reading.recorded_sights import read_sights
+from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
 from wil_campaign.plugins.cameras.image_files import VideoFile
 from wil_campaign.plugins.meshes.mesh_reader import load_mesh_shape
 from wil_campaign.plugins.offline.errors import OfflineError

@@ -8,7 +8,7 @@ import pytest
 from wil_campaign.orchestrator.campaign import display_thread
 from wil_campaign.orchestrator.campaign.display_thread import DisplayThread
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.model.progress import Progress
+from wil_campaign.orchestrator.operator.run_messages import Progress
 
 
 @dataclass

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.orchestrator.model.test_results import result
+from tests.orchestrator.run_results.test_results import result
 from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
 from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.orchestrator.campaign.liftoff_learning import LiftoffLearning
-from wil_campaign.orchestrator.model.results import SyncResult
+from wil_campaign.orchestrator.run_results.run_result import SyncResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 
 ROOT = Path(__file__).parents[3]

@@ -9,12 +9,12 @@ import pytest
 
 from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import RunPlan, load_campaign
-from wil_campaign.orchestrator.campaign.resuming.lost_runs import lost_result
+from wil_campaign.orchestrator.campaign.resuming.runs_without_result import lost_result
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.model.attempts import retry_due
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run_results.attempts import retry_due
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState
 
 Fly = Callable[..., tuple[RunResult, Path]]

@@ -11,12 +11,12 @@ import pytest
 
 from tests.orchestrator.conftest import FEW_PICTURES, GATE_FLOWN, ROOT
 from wil_campaign.campaigns.expansion.expansion import Options, RunPlan, load_campaign
+from wil_campaign.foundation.files.document_writer import to_json, write_whole
 from wil_campaign.orchestrator.campaign.reevaluation import judge_run_again
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.model.document_writer import to_json, write_whole
-from wil_campaign.orchestrator.model.results import RunResult
-from wil_campaign.orchestrator.model.results_reader import read_result
 from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.orchestrator.run_results.result_reader import read_result
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.safety.model.oracle_results import Verdict
 
 Fly = Callable[..., tuple[RunResult, Path]]

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.orchestrator.campaign.resuming.test_resumption import quick_fly, result_of
+from tests.orchestrator.campaign.resuming.test_runs_to_fly import quick_fly, result_of
 from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import load_campaign
+from wil_campaign.foundation.files.document_writer import to_json, write_whole
 from wil_campaign.orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
     fly_campaign,
@@ -17,12 +18,10 @@ from wil_campaign.orchestrator.campaign.campaign_runner import (
 from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
 from wil_campaign.orchestrator.campaign.workers import run_engine
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.model.attempts import after_attempts
-from wil_campaign.orchestrator.model.document_writer import to_json, write_whole
-from wil_campaign.orchestrator.model.operator_command import Inbox
-from wil_campaign.orchestrator.model.progress import Report
-from wil_campaign.orchestrator.model.results import RunResult
-from wil_campaign.orchestrator.model.results_reader import read_summary
+from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
+from wil_campaign.orchestrator.run_results.attempts import after_attempts
+from wil_campaign.orchestrator.run_results.result_reader import read_summary
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.safety.model.oracle_results import Verdict
 

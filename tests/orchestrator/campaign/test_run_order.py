@@ -12,14 +12,14 @@ from tests.orchestrator.conftest import NoCommands
 from tests.orchestrator.hover import write_hover
 from tests.orchestrator.recording.test_run_video import record
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.orchestrator.campaign.folder.campaign_folder import OutputError
-from wil_campaign.orchestrator.campaign.resuming.lost_runs import lost_result
+from wil_campaign.orchestrator.campaign.resuming.runs_without_result import lost_result
 from wil_campaign.orchestrator.campaign.workers import run_order
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
-from wil_campaign.orchestrator.model.document_writer import to_json
-from wil_campaign.orchestrator.model.results import RunResult
-from wil_campaign.orchestrator.model.results_reader import read_result
+from wil_campaign.orchestrator.run_results.result_reader import read_result
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.safety.model.oracle_results import Verdict
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from tests.orchestrator.wall import write_wall
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.orchestrator.campaign.sensor_kinds import sensor_kinds
-from wil_campaign.orchestrator.model.campaign_results import SensorKind
+from wil_campaign.orchestrator.run_results.campaign_results import SensorKind
 
 CAMERA = "{type: camera, rate_hz: 15, width_px: 320, height_px: 240, fov_deg: 69}"
 SENSORS = f"{{lidar: {{type: lidar}}, gps: {{type: gps}}, camera: {CAMERA}}}"

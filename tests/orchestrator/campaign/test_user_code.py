@@ -17,9 +17,8 @@ from wil_campaign.foundation.files.user_modules import forget_user_modules
 from wil_campaign.orchestrator.campaign.workers import run_engine
 from wil_campaign.orchestrator.campaign.workers.run_order import fly_order
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.model.operator_command import Inbox
-from wil_campaign.orchestrator.model.progress import Report
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 
 FIVE_WAYS = """\

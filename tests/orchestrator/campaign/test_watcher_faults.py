@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from tests.orchestrator.campaign.resuming.test_resumption import result_of
+from tests.orchestrator.campaign.resuming.test_runs_to_fly import result_of
 from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.foundation.files.document_writer import to_json, write_whole
 from wil_campaign.orchestrator.campaign import display_thread
 from wil_campaign.orchestrator.campaign.campaign_runner import (
     CampaignOutcome,
@@ -22,10 +23,8 @@ from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOpt
 from wil_campaign.orchestrator.campaign.workers import run_engine
 from wil_campaign.orchestrator.campaign.workers.run_output import OUTPUT_FILE
 from wil_campaign.orchestrator.cli.progress_display import LineDisplay, SilentDisplay
-from wil_campaign.orchestrator.model.document_writer import to_json, write_whole
-from wil_campaign.orchestrator.model.operator_command import Inbox
-from wil_campaign.orchestrator.model.progress import Report
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.operator.run_messages import Inbox, Report
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 
 pytestmark = pytest.mark.usefixtures("forked_workers")

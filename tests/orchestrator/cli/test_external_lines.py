@@ -3,14 +3,14 @@
 from dataclasses import replace
 
 from wil_campaign.orchestrator.cli.external_lines import external_lines
-from wil_campaign.orchestrator.model.external_results import (
+from wil_campaign.orchestrator.run_results.result_parts import (
     CaptureResult,
     ExternalResult,
     InjectedResult,
     OutletResult,
     SourceResult,
 )
-from wil_campaign.orchestrator.model.results import RunResult, SyncResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult, SyncResult
 from wil_campaign.vehicles.sources.feed_statistics import FeedStatistics
 
 FEED = FeedStatistics(2000, 100.0, 4.0, 6.0, 2, 1, 0, 1, 0.05)

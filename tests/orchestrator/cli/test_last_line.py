@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from tests.orchestrator.model.test_results import result, summary
+from tests.orchestrator.run_results.test_results import result, summary
 from wil_campaign.orchestrator.cli.verdict_table import (
     LAST_LINE,
     conclusions,

@@ -10,7 +10,7 @@ import pytest
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.external import external_io
 from wil_campaign.orchestrator.external.external_io import ExternalIo
-from wil_campaign.orchestrator.model.external_results import ExternalResult, InjectedResult
+from wil_campaign.orchestrator.run_results.result_parts import ExternalResult, InjectedResult
 from wil_campaign.orchestrator.state.observer import Observer
 from wil_campaign.safety.model.oracle_results import Flag
 from wil_campaign.vehicles.readings import CameraReading

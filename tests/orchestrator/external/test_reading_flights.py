@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from tests.orchestrator.flights import all_landed
 from tests.orchestrator.recording.ros2_bag import write_bag
 from wil_campaign.campaigns.values.external_setups import ReadingSourceSetup
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.python.mcap_reader import RecordedReading, Recording
 from wil_campaign.plugins.readings import reading_sources
 from wil_campaign.plugins.readings.messagepack import BadMessageError

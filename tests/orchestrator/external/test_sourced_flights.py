@@ -11,7 +11,7 @@ import pytest
 
 from tests.orchestrator.conftest import SMALL_CAMERAS
 from tests.orchestrator.flights import all_landed, log_of
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.python.mcap_reader import RecordedReading, Recording
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.vehicles.sources.camera_source import (

@@ -5,10 +5,9 @@ from pathlib import Path
 import pytest
 
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
-from wil_campaign.orchestrator.model.flight_place import FlightPlace
-from wil_campaign.orchestrator.model.progress import Happening, Progress
-from wil_campaign.orchestrator.model.results import RunResult, SyncResult
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
+from wil_campaign.orchestrator.operator.run_messages import FlightPlace, Happening, Progress
+from wil_campaign.orchestrator.run_results.run_result import RunResult, SyncResult
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError, parse_line
 

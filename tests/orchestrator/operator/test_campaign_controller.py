@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
-from wil_campaign.orchestrator.model.progress import Progress
-from wil_campaign.orchestrator.model.results import RunResult, SyncResult
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
 from wil_campaign.orchestrator.operator.campaign_records import Place, places
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
+from wil_campaign.orchestrator.operator.run_messages import Progress
+from wil_campaign.orchestrator.run_results.run_result import RunResult, SyncResult
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_lines import RefusedLineError
 

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from wil_campaign.campaigns.values.acceptance import Requirement
-from wil_campaign.orchestrator.model.campaign_results import Summary, summarize
-from wil_campaign.orchestrator.model.document_writer import to_json
-from wil_campaign.orchestrator.model.flown_firmware import FlownFirmware
-from wil_campaign.orchestrator.model.results import RunResult, Stop, SyncResult
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
 from wil_campaign.orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
+from wil_campaign.orchestrator.run_results.campaign_results import Summary, summarize
+from wil_campaign.orchestrator.run_results.result_parts import FlownFirmware
+from wil_campaign.orchestrator.run_results.run_result import RunResult, Stop, SyncResult
 from wil_campaign.plugins.search.ledger import Ledger
 from wil_campaign.safety.model.oracle_results import OracleResult, Verdict
 from wil_campaign.safety.model.samples import PoseSample, StageSample

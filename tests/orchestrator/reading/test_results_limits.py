@@ -11,7 +11,6 @@ from tests.orchestrator.report.recorded_campaign import write_campaign
 from wil_campaign.foundation.files.limited_json import loads_limited, read_json
 from wil_campaign.foundation.files.limits import MAX_MESSAGE_VALUES, MAX_RESULTS_BYTES
 from wil_campaign.orchestrator.campaign.folder.manifest import file_digest
-from wil_campaign.orchestrator.model.results_reader import ResultError, read_result, read_summary
 from wil_campaign.orchestrator.reading import trajectory_file
 from wil_campaign.orchestrator.reading.results_folder import (
     UnreadableError,
@@ -20,6 +19,11 @@ from wil_campaign.orchestrator.reading.results_folder import (
 )
 from wil_campaign.orchestrator.reading.trajectory_file import read_trajectory
 from wil_campaign.orchestrator.report.reading.event_log import MOST_EVENTS, read_event_log
+from wil_campaign.orchestrator.run_results.result_reader import (
+    ResultError,
+    read_result,
+    read_summary,
+)
 
 MANY = b'{"x": [' + b"{}," * (MAX_MESSAGE_VALUES // 2) + b"{}]}"
 

@@ -15,7 +15,6 @@ from tests.orchestrator.mcap_runs import assert_same, recorder
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.installation import flown_program
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import (
     EXACT,
     RecordingSettings,
@@ -23,6 +22,7 @@ from wil_campaign.orchestrator.recording.mcap.mcap_settings import (
 from wil_campaign.orchestrator.recording.recorded_images import NotDrawnAgainError
 from wil_campaign.orchestrator.recording.recording_facts import world_in
 from wil_campaign.orchestrator.recording.run_video import make_video
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.python.mcap_reader import RecordedReading, Recording
 from wil_campaign.vehicles.cameras.rendered_cameras import (
     CameraQuality,

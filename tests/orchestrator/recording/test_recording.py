@@ -14,9 +14,9 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.foundation.background_file import BackgroundFile
-from wil_campaign.orchestrator.model.run_log import RunLog
 from wil_campaign.orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
 from wil_campaign.orchestrator.recording.video import VideoWriter
+from wil_campaign.orchestrator.state.run_log import RunLog
 from wil_campaign.vehicles.mavlink.tlog import TlogWriter
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
 from wil_campaign.worlds.frames import Pose

@@ -11,13 +11,13 @@ from tests.orchestrator.mcap_runs import read
 from tests.orchestrator.operator.test_campaign_controller import RESULT
 from tests.recipes.samples import beam
 from wil_campaign.foundation.background_file import Patience
-from wil_campaign.orchestrator.model.caveats import loss_texts
-from wil_campaign.orchestrator.model.results import Loss, also_of
 from wil_campaign.orchestrator.recording.mcap import mcap_file, mcap_writer
 from wil_campaign.orchestrator.recording.mcap.mcap_encode import Encoder
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import LOSSLESS
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder, TopicLoss
 from wil_campaign.orchestrator.recording.run_recorder import RunRecorder, excessive_loss
+from wil_campaign.orchestrator.run_results.caveats import loss_texts
+from wil_campaign.orchestrator.run_results.run_result import Loss, also_of
 from wil_campaign.plugins.python.mcap_reader import RecordedReading
 from wil_campaign.safety.model.verdict import Decision, DecisiveEvent
 

@@ -7,15 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from wil_campaign.orchestrator.model.campaign_results import Summary, summarize
-from wil_campaign.orchestrator.model.document_writer import to_json
-from wil_campaign.orchestrator.model.results import MixingResult, Percentiles, RunResult, SyncResult
-from wil_campaign.orchestrator.model.run_log import RunLog
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder
 from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from wil_campaign.orchestrator.recording.trajectory import TrajectoryRow, TrajectoryWriter
+from wil_campaign.orchestrator.run_results.campaign_results import Summary, summarize
+from wil_campaign.orchestrator.run_results.run_result import (
+    MixingResult,
+    Percentiles,
+    RunResult,
+    SyncResult,
+)
+from wil_campaign.orchestrator.state.run_log import RunLog
 from wil_campaign.recipes.pipeline.mixture import Provenance
 from wil_campaign.safety.fence.fence_values import plain_fence
 from wil_campaign.safety.fence.geofence import Fence

@@ -6,7 +6,7 @@ import pytest
 
 from tests.orchestrator.report.browser import Page, browser, chromium
 from tests.orchestrator.report.recorded_campaign import too_high, write_campaign
-from wil_campaign.orchestrator.model.document_writer import to_json
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.report.campaign_report import write_report
 
 pytestmark = pytest.mark.skipif(chromium() is None, reason="chromium is not installed")

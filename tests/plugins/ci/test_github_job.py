@@ -12,7 +12,7 @@ from tests.test_house import ROOT
 from wil_campaign.campaigns.expansion.expansion import Campaign, Options, load_campaign
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.cli.announcements import announce_verdicts
-from wil_campaign.orchestrator.model.campaign_results import Summary
+from wil_campaign.orchestrator.run_results.campaign_results import Summary
 from wil_campaign.plugins.ci.github_job import summary_markdown
 
 Capture = pytest.CaptureFixture[str]

@@ -13,9 +13,9 @@ from typing import Any, cast
 import pytest
 
 from wil_campaign.orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
-from wil_campaign.orchestrator.model.progress import Happening
 from wil_campaign.orchestrator.operator import local_commands
 from wil_campaign.orchestrator.operator.campaign_records import Place, Places
+from wil_campaign.orchestrator.operator.run_messages import Happening
 from wil_campaign.plugins.cluster import node_process
 from wil_campaign.plugins.cluster.node_messages import (
     CommandSent,

@@ -9,9 +9,9 @@ from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.foundation.processes.codec import MessageError
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
-from wil_campaign.orchestrator.model.progress import Happening, Progress
-from wil_campaign.orchestrator.model.results import Attempt
-from wil_campaign.orchestrator.model.return_path import ReturnPath
+from wil_campaign.orchestrator.operator.run_messages import Happening, Progress
+from wil_campaign.orchestrator.run_results.run_result import Attempt
+from wil_campaign.orchestrator.state.return_path import ReturnPath
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.plugins.cluster.node_messages import (
     CampaignBrought,

@@ -22,7 +22,7 @@ from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOpt
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.model.progress import Progress
+from wil_campaign.orchestrator.operator.run_messages import Progress
 from wil_campaign.plugins.cluster import node_agent, ray_agents, ray_engine
 from wil_campaign.plugins.cluster.node_facts import node_facts, unfit_text
 from wil_campaign.plugins.cluster.node_messages import NodeFacts, encode_to_campaign

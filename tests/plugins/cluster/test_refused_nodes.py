@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
-from wil_campaign.orchestrator.model.flight_place import FlightPlace
+from wil_campaign.orchestrator.operator.run_messages import FlightPlace
 from wil_campaign.plugins.cluster import ray_engine
 from wil_campaign.plugins.cluster.node_messages import CampaignAnswer, CampaignBrought
 from wil_campaign.plugins.cluster.ray_agents import NodeRefusedError

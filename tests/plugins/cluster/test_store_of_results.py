@@ -24,7 +24,7 @@ from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.model.results_reader import read_result
+from wil_campaign.orchestrator.run_results.result_reader import read_result
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.plugins.cluster.node_messages import CampaignBrought, RunOrdered
 from wil_campaign.plugins.cluster.node_process import NodeRuns

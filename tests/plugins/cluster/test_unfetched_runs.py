@@ -8,10 +8,10 @@ import pytest
 
 from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import load_campaign
-from wil_campaign.orchestrator.campaign.resuming.lost_runs import lost_result
-from wil_campaign.orchestrator.campaign.resuming.run_ledger import CampaignPlace, RunLedger
+from wil_campaign.foundation.files.document_writer import to_json
+from wil_campaign.orchestrator.campaign.resuming.cluster_ledger import CampaignPlace, RunLedger
+from wil_campaign.orchestrator.campaign.resuming.runs_without_result import lost_result
 from wil_campaign.orchestrator.campaign.workers.run_workers import WorkerLost
-from wil_campaign.orchestrator.model.document_writer import to_json
 from wil_campaign.plugins.cluster.store import open_store
 from wil_campaign.plugins.cluster.stored_runs import send_run
 from wil_campaign.plugins.cluster.unfetched_runs import fetch_stored_runs

@@ -12,8 +12,8 @@ from aiohttp.web import Application, Request
 
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 from tests.ports import free_port
-from wil_campaign.orchestrator.model.progress import Progress
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
+from wil_campaign.orchestrator.operator.run_messages import Progress
 from wil_campaign.plugins.console.console_access import ConsoleAccess, Role
 from wil_campaign.plugins.console.console_address import ConsoleAddress, RequestRules
 from wil_campaign.plugins.console.console_hub import ConsoleHub

@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 
 from tests.orchestrator.conftest import BRIEF
 from tests.plugins.foxglove.foxglove_client import Received, listening, never_reading
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.foxglove.bridge_beside import foxglove_beside
 
 Fly = Callable[..., tuple[RunResult, Path]]

@@ -9,7 +9,7 @@ import pytest
 from pymavlink import mavutil
 
 from tests.orchestrator.flights import all_landed, rows_of
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 Fly = Callable[..., tuple[RunResult, Path]]
 

@@ -9,9 +9,8 @@ import pytest
 
 from wil_campaign.orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
 from wil_campaign.orchestrator.campaign.workers.worker_pool import Pool
-from wil_campaign.orchestrator.model.flight_place import FlightPlace
-from wil_campaign.orchestrator.model.progress import Progress
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
+from wil_campaign.orchestrator.operator.run_messages import FlightPlace, Progress
 from wil_campaign.plugins.mqtt.message_signing import signed
 from wil_campaign.plugins.mqtt.mqtt_commands import CommandReader, RefusedCommandError
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand

@@ -16,11 +16,10 @@ from tests.orchestrator.operator.controllers import FakeFleet, make_controller
 from tests.ports import free_port
 from wil_campaign.foundation.tasks import TaskAccount
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.model.flight_place import FlightPlace
-from wil_campaign.orchestrator.model.progress import Happening
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
 from wil_campaign.orchestrator.operator.errors import OperatingError
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
+from wil_campaign.orchestrator.operator.run_messages import FlightPlace, Happening
 from wil_campaign.plugins.mqtt import mqtt_answers
 from wil_campaign.plugins.mqtt.broker_access import BrokerAccess
 from wil_campaign.plugins.mqtt.broker_address import BrokerAddress

@@ -7,7 +7,7 @@ import math
 
 from tests.orchestrator.operator.test_campaign_controller import RESULT
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.orchestrator.model.progress import Happening, Progress, VehicleProgress
+from wil_campaign.orchestrator.operator.run_messages import Happening, Progress, VehicleProgress
 from wil_campaign.plugins.mqtt.mqtt_reports import Publication, publications, verdict_of
 from wil_campaign.plugins.mqtt.outbox import Outbox
 

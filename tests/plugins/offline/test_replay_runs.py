@@ -14,9 +14,9 @@ from tests.orchestrator.conftest import SMALL_CAMERAS
 from tests.orchestrator.run.perception.test_perception import SMALLEST, Listening, recipe
 from tests.recipes.samples import beam, camera, cloud, plain, scan
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import End
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.offline.reading_difference import difference
 from wil_campaign.plugins.offline.recorded_inputs import what_lacks
 from wil_campaign.plugins.python.mcap_reader import Recording

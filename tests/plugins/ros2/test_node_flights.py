@@ -18,7 +18,7 @@ from tests.plugins.ros2.plain_node import IMAGE, STORE, Node, PictureFlight
 from tests.plugins.ros2.px4.definitions import write_definitions
 from tests.test_house import ROOT
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 NODE = Path(__file__).with_name("plain_node.py")
 STRAIGHT = "oracles={landed: {}, reached: {required: false}}"

@@ -5,13 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from tests.orchestrator.reading.flown_campaign import Flight
-from wil_campaign.orchestrator.model.document_writer import to_json
-from wil_campaign.orchestrator.model.external_results import (
+from wil_campaign.foundation.files.document_writer import to_json
+from wil_campaign.orchestrator.run_results.result_parts import (
     ExternalResult,
     ProgramResult,
     TopicResult,
 )
-from wil_campaign.orchestrator.model.results_reader import read_result
+from wil_campaign.orchestrator.run_results.result_reader import read_result
 
 
 def test_results_of_nodes_and_of_programs_are_read_as_they_were_written(tmp_path: Path) -> None:

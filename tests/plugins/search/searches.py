@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import Campaign, RunPlan
-from wil_campaign.orchestrator.model.results import RunResult, Stop, SyncResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult, Stop, SyncResult
 from wil_campaign.plugins.search.engine import EngineResult
 from wil_campaign.safety.model.oracle_results import OracleResult, Verdict
 

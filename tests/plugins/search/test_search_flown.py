@@ -13,10 +13,9 @@ from wil_campaign.orchestrator.campaign.workers import run_engine
 from wil_campaign.orchestrator.campaign.workers.run_order import fly_order
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.model.operator_command import Inbox
-from wil_campaign.orchestrator.model.progress import News, Progress, Report
-from wil_campaign.orchestrator.model.results import RunResult
-from wil_campaign.orchestrator.model.results_reader import read_result
+from wil_campaign.orchestrator.operator.run_messages import Inbox, News, Progress, Report
+from wil_campaign.orchestrator.run_results.result_reader import read_result
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.plugins.search.engine import BatchEngine, EngineResult
 from wil_campaign.plugins.search.exploration.search_file import load_search

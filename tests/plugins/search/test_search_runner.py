@@ -10,7 +10,7 @@ import pytest
 from tests.plugins.search.searches import SEARCH, MadeUpEngine, write_search
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
-from wil_campaign.orchestrator.campaign.resuming.resumption import ResumeError
+from wil_campaign.orchestrator.campaign.resuming.unchanged_campaign import ResumeError
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.search.errors import SearchError
 from wil_campaign.plugins.search.exploration.search_file import load_search

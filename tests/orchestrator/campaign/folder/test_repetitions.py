@@ -14,9 +14,9 @@ from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
 from wil_campaign.campaigns.values.acceptance import Requirement, Share, standings
 from wil_campaign.orchestrator.campaign.folder.repetitions import runs_due
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.model.exit_codes import accepted, exit_code
-from wil_campaign.orchestrator.model.junit import junit_xml
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.exit_codes import accepted, exit_code
+from wil_campaign.orchestrator.run_results.junit import junit_xml
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 Capture = pytest.CaptureFixture[str]
 TEST = SequentialTest(at_least=0.9, against=0.2, most=5)

@@ -32,10 +32,15 @@ from wil_campaign.orchestrator.campaign.workers.run_order import (
 )
 from wil_campaign.orchestrator.campaign.workers.run_workers import OrderDone, WorkerLost
 from wil_campaign.orchestrator.campaign.workers.worker_pool import Pool
-from wil_campaign.orchestrator.model.call_marker import CallMark
-from wil_campaign.orchestrator.model.flight_place import FlightPlace
-from wil_campaign.orchestrator.model.operator_command import Inbox
-from wil_campaign.orchestrator.model.progress import Happening, News, Progress, Report
+from wil_campaign.orchestrator.operator.run_messages import (
+    FlightPlace,
+    Happening,
+    Inbox,
+    News,
+    Progress,
+    Report,
+)
+from wil_campaign.orchestrator.state.call_marker import CallMark
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.vehicles.vehicle_server_process import vehicle_server
 

@@ -256,6 +256,7 @@ def test_usage_errors_are_reported_on_standard_error(
 
 def test_a_usage_error_says_what_is_needed_and_where_the_help_is(cli: Cli) -> None:
     assert cli("run").err == "wil-campaign run needs FILE.\nnext: wil-campaign run --help\n"
+    assert cli("mix", "x.yaml", "--out", "y.png").err.startswith("wil-campaign mix needs --real.")
     option = cli("run", "x.yaml", "--case").err
     assert "--case requires an argument" in option
     assert option.endswith("next: wil-campaign run --help\n")

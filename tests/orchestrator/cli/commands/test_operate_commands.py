@@ -11,11 +11,10 @@ import pytest
 
 from tests.orchestrator.operator.controllers import FakeFleet, make_controller, silent_place
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.model.flight_place import FlightPlace
-from wil_campaign.orchestrator.model.progress import Happening, Progress
 from wil_campaign.orchestrator.operator.campaign_controller import CampaignController
 from wil_campaign.orchestrator.operator.campaign_records import Place, Places, places
 from wil_campaign.orchestrator.operator.operator_channels import open_operator_channels
+from wil_campaign.orchestrator.operator.run_messages import FlightPlace, Happening, Progress
 from wil_campaign.orchestrator.operator.socket_client import NoAnswerError
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.guard.operator.operator_socket import OperatorSocket

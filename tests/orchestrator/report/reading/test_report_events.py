@@ -4,9 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from tests.orchestrator.report.recorded_campaign import touched
-from wil_campaign.orchestrator.model.run_log import RunLog
 from wil_campaign.orchestrator.report.reading.cause import cause_of
 from wil_campaign.orchestrator.report.reading.event_log import MOST_EVENTS, read_event_log
+from wil_campaign.orchestrator.state.run_log import RunLog
 from wil_campaign.safety.model.oracle_results import OracleResult
 
 LINK_LOST = replace(

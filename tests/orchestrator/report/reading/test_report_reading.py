@@ -16,8 +16,6 @@ from tests.orchestrator.report.recorded_campaign import (
     touched,
     write_campaign,
 )
-from wil_campaign.orchestrator.model.results import Also, RunResult, SyncResult, with_note
-from wil_campaign.orchestrator.model.twin_results import DropOut, TwinResult
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
@@ -29,6 +27,8 @@ from wil_campaign.orchestrator.report.reading.outlines import ring_of
 from wil_campaign.orchestrator.report.reading.run_reader import read_run
 from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
 from wil_campaign.orchestrator.report.rendering.page import render_run
+from wil_campaign.orchestrator.run_results.result_parts import DropOut, TwinResult
+from wil_campaign.orchestrator.run_results.run_result import Also, RunResult, SyncResult, with_note
 from wil_campaign.safety.evaluation.judge_log import read_judge_log
 from wil_campaign.safety.fence.fence_values import plain_fence
 from wil_campaign.safety.fence.geofence import Fence
@@ -132,9 +132,14 @@ def test_an_opening_is_drawn_open_from_above_and_from_the_side(recorded: Path) -
     (gate,) = run_of(recorded).world.outlines
     # The gate stands across the path, at north 2 m: its lintel does not close the plan, nor do its
     # posts the view from the side.
-    above, side = ([shapely.Polygon(one) for one in view] for view in (gate.above_m, gate.side_m))
+    views = (gate.above_m, gate.side_m)
+    above, side = ([shapely.Polygon(one) for one in view if len(one) > 2] for view in views)
     assert not any(one.intersects(shapely.Point(0.0, 2.0)) for one in above)
     assert not any(one.intersects(shapely.Point(2.0, 1.2)) for one in side)
+    # A line leads from side to side, as in a floor plan.
+    (above_line,), (side_line,) = ([one for one in view if len(one) == 2] for view in views)
+    assert shapely.LineString(above_line).equals(shapely.LineString([(-0.5, 2.0), (0.5, 2.0)]))
+    assert shapely.LineString(side_line).equals(shapely.LineString([(2.0, 0.7), (2.0, 1.7)]))
     assert shapely.union_all(above).bounds == pytest.approx((-0.6, 1.95, 0.6, 2.05))
     assert shapely.union_all(side).bounds == pytest.approx((1.95, 0.6, 2.05, 1.8))
 

@@ -10,11 +10,11 @@ import pytest
 from tests.orchestrator.reading.flown_campaign import Flight, flights, write_flown
 from wil_campaign.campaigns.statistics.sequential_test import SequentialTest
 from wil_campaign.campaigns.values.acceptance import Requirement, Share
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
 from wil_campaign.orchestrator.report.rendering import overview
 from wil_campaign.orchestrator.report.rendering.overview import case_rows, margin_text, verdict_of
 from wil_campaign.orchestrator.report.words import NOTHING
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.safety.model.oracle_results import OracleResult
 
 COMPOSED: dict[str, Any] = {"campaign": "both", "campaigns": {"one": "gate.yaml"}}

@@ -12,8 +12,8 @@ from tests.orchestrator.conftest import ROOT, Fly
 from tests.orchestrator.flights import all_landed, log_of
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.foundation.clocks.virtual_loop import run_on
+from wil_campaign.foundation.files.document_writer import to_json, write_whole
 from wil_campaign.orchestrator.campaign.reevaluation import judge_run_again
-from wil_campaign.orchestrator.model.document_writer import to_json, write_whole
 from wil_campaign.orchestrator.reading.judged_motion import read_judged_motion
 from wil_campaign.orchestrator.run.stages.actor_flight import ActorFlight
 from wil_campaign.orchestrator.run.vehicles.pair import Pair

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from tests.orchestrator.conftest import BRIEF
-from wil_campaign.orchestrator.model.document_writer import to_json
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.foundation.files.document_writer import to_json
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 Fly = Callable[..., tuple[RunResult, Path]]
 LONGER = (*BRIEF, "autonomy.with={speed_m_s: 0.4, for_s: 6}")

@@ -7,7 +7,7 @@ import pytest
 
 from tests.orchestrator.conftest import BRIEF
 from tests.orchestrator.flights import all_landed, log_of
-from wil_campaign.orchestrator.model.results import FenceChange, RunResult
+from wil_campaign.orchestrator.run_results.run_result import FenceChange, RunResult
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 
 Fly = Callable[..., tuple[RunResult, Path]]

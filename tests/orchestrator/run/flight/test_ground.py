@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 
 from tests.faults.missions import LEGS
-from tests.orchestrator.campaign.resuming.test_resumption import NoCommands
+from tests.orchestrator.campaign.resuming.test_runs_to_fly import NoCommands
 from tests.orchestrator.conftest import vehicles_on
 from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
-from wil_campaign.orchestrator.model.caveats import caveats
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.flight.run import fly
+from wil_campaign.orchestrator.run_results.caveats import caveats
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 
 SCRAPE = "[[0.5, 0, -1, 1.2], [1, 0, -0.3, 1.65], [0, 0, 1, 1.5]]"

@@ -31,8 +31,8 @@ from tests.orchestrator.wall_runs import (
 )
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.foundation.clocks.sim_clock_controller import STALL_S
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.flight.run import fly
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.safety.guard.process.channel_link import ChannelLink
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter

@@ -17,16 +17,16 @@ from tests.orchestrator.conftest import BRIEF, SMALL_CAMERAS
 from tests.orchestrator.flights import all_landed, log_of, rows_of
 from tests.orchestrator.live_feed.feed_reader import reading_feed
 from wil_campaign.foundation.background_file import BackgroundFile, Patience
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.live_feed.feed_messages import EventView, ImageView, RunView
-from wil_campaign.orchestrator.model import run_log
-from wil_campaign.orchestrator.model.document_writer import to_json
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.recording import run_recorder
 from wil_campaign.orchestrator.recording.mcap import mcap_writer
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
 from wil_campaign.orchestrator.recording.mcap.mcap_file import ChunkedFile
 from wil_campaign.orchestrator.recording.run_video import make_video
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run_results.run_result import RunResult
+from wil_campaign.orchestrator.state import run_log
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.vehicles.autonomy import Command, Telemetry

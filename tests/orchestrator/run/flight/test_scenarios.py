@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.orchestrator.conftest import SMALL_CAMERAS
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 Fly = Callable[..., tuple[RunResult, Path]]
 

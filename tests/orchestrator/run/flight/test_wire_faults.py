@@ -24,7 +24,7 @@ from tests.faults.wire_changes import (
 )
 from tests.orchestrator.conftest import BRIEF, Fly
 from tests.orchestrator.flights import all_landed, log_of
-from wil_campaign.orchestrator.model.caveats import caveats
+from wil_campaign.orchestrator.run_results.caveats import caveats
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.vehicles.mavlink.framing import Frame
 from wil_campaign.vehicles.mavlink.heartbeats import HeartbeatKind

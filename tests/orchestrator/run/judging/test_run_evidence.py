@@ -12,12 +12,12 @@ from tests.faults.relay import Change, Position, frozen, relay, stopped
 from tests.orchestrator.conftest import BRIEF, FEW_PICTURES, ROOT, NoCommands, vehicles_on
 from tests.orchestrator.wall import write_wall
 from wil_campaign.campaigns.expansion.expansion import Options, RunPlan, load_campaign
+from wil_campaign.foundation.files.document_writer import to_json, write_whole
 from wil_campaign.orchestrator.campaign.reevaluation import judge_run_again
-from wil_campaign.orchestrator.model.document_writer import to_json, write_whole
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.flight.run import Disturb, fly
 from wil_campaign.orchestrator.run.judging.run_evidence import signal_terms
 from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.orchestrator.state.run_state import Stage
 from wil_campaign.vehicles.mavlink.framing import Frame

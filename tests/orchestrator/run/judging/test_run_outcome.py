@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from wil_campaign.orchestrator.model.results import also_of
 from wil_campaign.orchestrator.run.judging.run_outcome import _unseen
+from wil_campaign.orchestrator.run_results.run_result import also_of
 from wil_campaign.safety.model.verdict import Decision, DecisiveEvent
 
 

@@ -15,13 +15,13 @@ import pytest
 
 from wil_campaign.api import rotate
 from wil_campaign.campaigns.autonomies.straight import StraightAutonomy
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.perception.autonomy_calls import (
     AutonomyFault,
     call_autonomy,
     command_of,
     require_run,
 )
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.vehicles.autonomy import Command
 from wil_campaign.vehicles.setpoints import PositionSetpoint, VelocitySetpoint
 

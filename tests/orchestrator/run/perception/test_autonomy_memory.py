@@ -11,10 +11,10 @@ import pytest
 
 from wil_campaign.campaigns.values.autonomy_limits import AutonomyLimits
 from wil_campaign.foundation.processes.process_memory import limited_allocation
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault, call_autonomy
 from wil_campaign.orchestrator.run.perception.autonomy_memory import MemoryMeter
 from wil_campaign.orchestrator.run.perception.runner_factory import _build_autonomy
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.vehicles.autonomy import Command
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
 

@@ -12,9 +12,9 @@ from tests.orchestrator.conftest import BRIEF
 from tests.orchestrator.flights import log_of
 from tests.recipes.samples import beam
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.perception.mixing_budget import MixingBudgetWatch
 from wil_campaign.orchestrator.run.perception.perception import Perception, SensorSource
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.plugins.python.mcap_reader import RecordedReading, Recording
 from wil_campaign.vehicles.readings import CameraReading, Reading

@@ -11,9 +11,9 @@ import pytest
 from tests.orchestrator.conftest import SMALL_CAMERAS
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.foundation.files.documents import BadInput
-from wil_campaign.orchestrator.model.results import CombinationResult, RunResult
 from wil_campaign.orchestrator.recording.run_video import make_video
 from wil_campaign.orchestrator.run.perception import warm_up
+from wil_campaign.orchestrator.run_results.run_result import CombinationResult, RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.plugins.python.mcap_reader import (
     RecordedProvenance,

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.perception.stray_errors import StrayErrors
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.vehicles.autonomy import Command
 from wil_campaign.vehicles.setpoints import VelocitySetpoint

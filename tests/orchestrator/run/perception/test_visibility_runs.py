@@ -10,10 +10,10 @@ import pytest
 from mcap.reader import make_reader
 
 from tests.orchestrator.conftest import ROOT, SMALL_CAMERAS
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.model.document_writer import to_json
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.perception.visibility import MixtureViews
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.python.mcap_reader import Recording
 from wil_campaign.recipes.pipeline.stages import StageView
 

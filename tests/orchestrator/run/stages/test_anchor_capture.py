@@ -11,8 +11,8 @@ import pytest
 from tests.orchestrator.conftest import BRIEF
 from tests.orchestrator.external.rigs import FakeDriver, FakeStation
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.stages.before_arming import anchor_by_mocap
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
 from wil_campaign.vehicles.driver.vehicle_state import LocalEstimate
 from wil_campaign.vehicles.errors import AnchorError

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 
 Fly = Callable[..., tuple[RunResult, Path]]
 HOVER = (

@@ -9,9 +9,9 @@ import pytest
 
 from tests.orchestrator.conftest import BRIEF
 from tests.orchestrator.flights import all_landed, log_of
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.safety.guard.core.events import GuardEvent
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand, OperatorKind

@@ -8,9 +8,9 @@ import pytest
 
 from tests.orchestrator.flights import all_landed, log_of, rows_of
 from tests.orchestrator.run.flight.test_run import at_stage
-from wil_campaign.orchestrator.model.results import RunResult
-from wil_campaign.orchestrator.model.twin_results import TwinResult
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run_results.result_parts import TwinResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.vehicles.setpoints import Setpoint, VelocitySetpoint
 from wil_campaign.worlds.frames import scale

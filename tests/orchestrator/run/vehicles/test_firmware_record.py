@@ -8,7 +8,7 @@ import pytest
 from tests.orchestrator.conftest import BRIEF, Fly
 from tests.orchestrator.flights import log_of
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.model.flown_firmware import FlownFirmware
+from wil_campaign.orchestrator.run_results.result_parts import FlownFirmware
 
 ARDUPILOT = "vehicles.twin.autopilot=ardupilot"
 

@@ -13,12 +13,12 @@ import pytest
 from wil_campaign.campaigns.setup.case_setup import SyncSetup
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.external.motion_captures import MotionCaptures
-from wil_campaign.orchestrator.model.results import NOT_ARMED
 from wil_campaign.orchestrator.run.stages.before_arming import BeforeArming
 from wil_campaign.orchestrator.run.stages.operator_hold import OperatorHold
 from wil_campaign.orchestrator.run.stages.pair_flight import fly_together
 from wil_campaign.orchestrator.run.vehicles.arming_record import ArmingRecord
 from wil_campaign.orchestrator.run.vehicles.onboard_configuration import flight_log
+from wil_campaign.orchestrator.run_results.run_result import NOT_ARMED
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
 from wil_campaign.safety.guard.core.events import GuardEvent
 from wil_campaign.vehicles.errors import VehicleError

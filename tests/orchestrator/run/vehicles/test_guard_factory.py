@@ -48,7 +48,7 @@ async def test_a_launched_vehicle_is_waited_for_at_the_link_of_its_program(tmp_p
     more = ("vehicles.real.autopilot=ardupilot", "vehicles.real.pose_source=mavlink")
     setup = gate_setup(tmp_path, "wall", launch, *more)
     link = "tcpout://127.0.0.1:5770"
-    prepared = {"real": SimpleNamespace(plan=SimpleNamespace(link=link))}
+    prepared = {"real": SimpleNamespace(link=link)}
     vehicles = guard_config(setup, prepared).vehicles
     assert (vehicles["real"].link, vehicles["real"].patient) == (link, True)
     assert (vehicles["twin"].link, vehicles["twin"].patient) == ("", False)

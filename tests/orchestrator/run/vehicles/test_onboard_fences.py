@@ -10,11 +10,11 @@ import pytest
 from tests.orchestrator.conftest import BRIEF, ROOT
 from tests.orchestrator.flights import all_landed, log_of
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.foundation.files.document_writer import to_json, write_whole
 from wil_campaign.orchestrator.campaign.reevaluation import judge_run_again
-from wil_campaign.orchestrator.model.document_writer import to_json, write_whole
-from wil_campaign.orchestrator.model.progress import Happening, News
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.operator.run_messages import Happening, News
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.safety.guard.core.commands import StartOutage
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand

@@ -13,10 +13,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from tests.orchestrator.conftest import BRIEF, Fly
 from tests.orchestrator.flights import log_of
 from tests.vehicles.embedded.charge import set_remaining
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.vehicles import vehicle_backends
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
 from wil_campaign.orchestrator.run.vehicles.preflight_checks import Preflight
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
 from wil_campaign.plugins.ardupilot.copter import copter_telemetry

@@ -13,8 +13,8 @@ from tests.orchestrator.hover import write_hover
 from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
 from wil_campaign.orchestrator.campaign.workers.run_order import fly_order
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.model.results import RunResult
 from wil_campaign.orchestrator.run.vehicles import onboard_fences
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder
 from wil_campaign.safety.preflight import Item
 from wil_campaign.vehicles.autopilots.px4 import Px4

@@ -31,15 +31,15 @@ from wil_campaign.orchestrator.campaign.campaign_runner import (
 )
 from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle, find_at
-from wil_campaign.orchestrator.campaign.resuming.lost_runs import real_runs
-from wil_campaign.orchestrator.campaign.resuming.resumed_campaign import (
+from wil_campaign.orchestrator.campaign.resuming.runs_to_fly import (
     ResumeRules,
     resume_campaign,
 )
+from wil_campaign.orchestrator.campaign.resuming.runs_without_result import real_runs
 from wil_campaign.orchestrator.campaign.workers.run_engine import EngineError
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.model.progress import Progress
-from wil_campaign.orchestrator.model.results_reader import read_result
+from wil_campaign.orchestrator.operator.run_messages import Progress
+from wil_campaign.orchestrator.run_results.result_reader import read_result
 from wil_campaign.plugins.cluster.bench.bench_engine import HiredBench, hire_bench
 from wil_campaign.plugins.cluster.bench.bench_messages import SOCKET_VARIABLE
 from wil_campaign.plugins.cluster.node_messages import ConsentAnswer, ConsentAsked

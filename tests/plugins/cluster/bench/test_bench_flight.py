@@ -23,7 +23,7 @@ from wil_campaign.campaigns.setup.bench_file import Bench
 from wil_campaign.orchestrator.campaign.campaign_runner import fly_campaign
 from wil_campaign.orchestrator.campaign.flight_options import Cleared, FlightOptions
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
-from wil_campaign.orchestrator.model.progress import Progress
+from wil_campaign.orchestrator.operator.run_messages import Progress
 from wil_campaign.plugins.cluster.bench.bench_engine import BenchAgent, hire_bench
 from wil_campaign.plugins.cluster.bench.bench_messages import SOCKET_VARIABLE
 from wil_campaign.plugins.cluster.bench.bench_server import BenchServer

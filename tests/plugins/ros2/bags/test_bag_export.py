@@ -18,8 +18,8 @@ from tests.orchestrator.reading.flown_campaign import Flight
 from tests.orchestrator.recording.test_recorded_images import FACTS, drawn
 from tests.orchestrator.recording.test_recorded_images import recorded as recorded_without_images
 from tests.plugins.ros2.messages.test_ros_messages import READINGS
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.model.document_writer import to_json
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder
 from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S

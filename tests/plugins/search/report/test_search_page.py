@@ -3,7 +3,7 @@
 from typing import Any
 
 from tests.plugins.search.exploration.made_up import corner, number, plane, problem, searched
-from wil_campaign.orchestrator.model.results import Stop
+from wil_campaign.orchestrator.run_results.run_result import Stop
 from wil_campaign.plugins.search.exploration.coverage import coverage_of
 from wil_campaign.plugins.search.exploration.model import Findings, Variant
 from wil_campaign.plugins.search.exploration.sensed import (

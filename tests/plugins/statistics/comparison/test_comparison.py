@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from tests.orchestrator.model.test_flown_firmware import BOARD
 from tests.orchestrator.reading.flown_campaign import Flight, flights, write_flown, write_searched
+from tests.orchestrator.run_results.test_flown_firmware import BOARD
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.model.control_results import ControlResult
-from wil_campaign.orchestrator.model.document_writer import to_json
-from wil_campaign.orchestrator.model.results import RunResult
+from wil_campaign.orchestrator.run_results.control_results import ControlResult
+from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.statistics.comparison.comparison import (
     Comparison,
     Limits,

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from tests.orchestrator.model.test_flown_firmware import BOARD
 from tests.orchestrator.reading.flown_campaign import flights, write_flown, write_searched
 from tests.orchestrator.report.rendering.test_overview import CLEAR, FAST, judged
+from tests.orchestrator.run_results.test_flown_firmware import BOARD
+from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.cli import main
-from wil_campaign.orchestrator.model.document_writer import to_json
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
 from wil_campaign.plugins.statistics.history.records import records_of
 

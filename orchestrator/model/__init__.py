@@ -1,1 +1,0 @@
-"""The model: run clock, results, exit codes, progress, operator commands, documents on disk."""

@@ -1,0 +1,156 @@
+"""The result of a campaign: the fields of summary.json."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from wil_campaign.campaigns.values.acceptance import Requirement
+from wil_campaign.orchestrator.run_results.control_results import control_faults
+from wil_campaign.orchestrator.run_results.exit_codes import accepted, equal_run_texts
+from wil_campaign.orchestrator.run_results.run_result import RunResult, Stop
+from wil_campaign.safety.model.oracle_results import Verdict
+
+Clock = Literal["virtual", "wall", "scaled"]
+VehicleKind = Literal["embedded", "sitl", "hardware", "unknown"]
+SensorKind = Literal["live", "rendered", "file", "synthesised"]
+"""Where readings come from; synthesised: computed from pose and world for a vehicle that is not
+embedded, and may have such a sensor itself."""
+VERDICTS: tuple[Verdict, ...] = ("PASS", "FAIL", "INVALID", "ERROR", "ABORTED")
+UNKNOWN_ENDING = (
+    "summary.json does not record the end of the campaign: it was cut off, or flown by an earlier "
+    "version"
+)
+_STOPS = {
+    "signal": "stopped by Ctrl-C or SIGTERM",
+    "command": "stopped by an operator's command",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Totals:
+    """The totals of results: runs flown, required, and by verdict.
+
+    retried: how many of the runs took more than one attempt, whatever the verdict. Controls count
+    in `controls` alone, and those that ended as expected in `controls_met`.
+    """
+
+    runs: int
+    required: int
+    passed: int
+    failed: int
+    invalid: int
+    error: int
+    aborted: int
+    retried: int = 0
+    controls: int = 0
+    controls_met: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """The summary of a campaign's results. surrogate: the embedded vehicle flew as `real`.
+
+    sensors: source of the readings of each sensor. accepted: None when no required run was flown
+    and no control missed its expectation. left_out: what the campaign requires and the command line
+    left out, in words. controls: the runs that must not pass; they are not in `runs`. unmet: the
+    controls that did not end as expected, in words. caveats: of the campaign itself, and of pass
+    rates decided on equal runs. not_flown: runs and controls without a result, by name.
+
+    stopped, broken: how the campaign ended outside of its runs, as in `exit_code`. broken is None
+    until the campaign ends: while it flies, after it was cut off, and in files of earlier versions.
+    """
+
+    campaign: str
+    clock: Clock
+    surrogate: bool
+    real_kind: VehicleKind
+    sensors: dict[str, SensorKind]
+    runs: tuple[RunResult, ...]
+    totals: Totals
+    accepted: bool | None
+    left_out: tuple[str, ...] = ()
+    controls: tuple[RunResult, ...] = ()
+    unmet: tuple[str, ...] = ()
+    caveats: tuple[str, ...] = ()
+    not_flown: tuple[str, ...] = ()
+    stopped: Stop | None = None
+    broken: bool | None = None
+
+    @property
+    def ending(self) -> str:
+        """Return in words what ended the campaign outside of its runs; empty for a regular end."""
+        if self.stopped is not None:
+            return _STOPS[self.stopped]
+        if self.broken is None:
+            return UNKNOWN_ENDING
+        return "an internal exception occurred outside of its runs" if self.broken else ""
+
+
+def summarize(
+    runs: Iterable[RunResult],
+    requirements: Sequence[Requirement],
+    *,
+    campaign: str,
+    clock: Clock,
+    surrogate: bool,
+    real_kind: VehicleKind,
+    sensors: dict[str, SensorKind],
+    left_out: tuple[str, ...] = (),
+    stopped: Stop | None = None,
+    broken: bool | None = False,
+    controls_due: int = 0,
+    missing: int = 0,
+    caveats: tuple[str, ...] = (),
+    not_flown: tuple[str, ...] = (),
+) -> Summary:
+    """Return the summary of run results, in the order of `runs`.
+
+    stopped, broken, controls_due, missing: as in `exit_code`; flown controls are among the runs.
+    broken: None where the campaign has not ended, or its end is unknown: then it is not accepted.
+    """
+    all_runs = tuple(runs)
+    flown = tuple(run for run in all_runs if run.control is None)
+    controls = tuple(run for run in all_runs if run.control is not None)
+    return Summary(
+        campaign=campaign,
+        clock=clock,
+        surrogate=surrogate,
+        real_kind=real_kind,
+        sensors=dict(sorted(sensors.items())),
+        runs=flown,
+        totals=totals_of(all_runs),
+        accepted=accepted(
+            all_runs,
+            requirements,
+            stopped=stopped,
+            broken=broken is not False,
+            controls_due=controls_due,
+            missing=missing,
+        ),
+        left_out=left_out,
+        controls=controls,
+        unmet=tuple(control_faults(controls)),
+        caveats=(*caveats, *equal_run_texts(flown, requirements)),
+        not_flown=not_flown,
+        stopped=stopped,
+        broken=broken,
+    )
+
+
+def totals_of(runs: Sequence[RunResult]) -> Totals:
+    """Return the totals of run results."""
+    controls = [run.control for run in runs if run.control is not None]
+    runs = [run for run in runs if run.control is None]
+    count = {verdict: sum(run.verdict == verdict for run in runs) for verdict in VERDICTS}
+    return Totals(
+        runs=len(runs),
+        required=sum(run.required for run in runs),
+        passed=count["PASS"],
+        failed=count["FAIL"],
+        invalid=count["INVALID"],
+        error=count["ERROR"],
+        aborted=count["ABORTED"],
+        retried=sum(bool(run.attempts) for run in runs),
+        controls=len(controls),
+        controls_met=sum(control.met for control in controls),
+    )

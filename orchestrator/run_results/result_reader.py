@@ -1,0 +1,83 @@
+"""Reads result.json and summary.json; refuses a result.json that was changed or damaged."""
+
+import json
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from wil_campaign.foundation.files.document_writer import as_plain, to_json
+from wil_campaign.foundation.files.limited_json import JsonLimitError, check_values, read_limited
+from wil_campaign.orchestrator.run_results.campaign_results import Summary
+from wil_campaign.orchestrator.run_results.run_result import RunResult
+
+T = TypeVar("T")
+
+_ADDED: Mapping[str, object] = {"firmware": ()}
+"""Fields that a result.json of an earlier version does not have, with what they are then."""
+
+
+class ResultError(Exception):
+    """A result.json or summary.json that is missing, truncated, damaged or of another version."""
+
+
+@cache
+def result_model() -> TypeAdapter[RunResult]:
+    """Return the validator of a result.json; it takes 50 ms to build, and few commands read any."""
+    return TypeAdapter(RunResult)
+
+
+@cache
+def summary_model() -> TypeAdapter[Summary]:
+    """Return the validator of a summary.json."""
+    return TypeAdapter(Summary)
+
+
+def read_result(path: Path) -> RunResult:
+    """Return the result in a result.json. Raises ResultError."""
+    result, text = _parse_document(path, result_model())
+    if not _is_as_written(result, text):
+        raise ResultError(f"{path} was edited, or written by another version of wil-campaign")
+    return result
+
+
+def read_summary(path: Path) -> Summary:
+    """Return the summary in a summary.json, also of an earlier version. Raises ResultError."""
+    return _parse_document(path, summary_model())[0]
+
+
+def _parse_document(path: Path, kind: TypeAdapter[T]) -> tuple[T, str]:
+    """Return the content of a document, and its text. Raises ResultError."""
+    try:
+        data = read_limited(path)
+        check_values(data)
+        text = data.decode("utf-8")
+    except FileNotFoundError as error:
+        raise ResultError(f"{path} does not exist") from error
+    except (OSError, JsonLimitError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ResultError(f"{path} cannot be read: {reason}") from error
+    try:
+        return kind.validate_json(text, strict=True), text
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        reason = f"{where}: {first['msg']}" if where else first["msg"]
+        raise ResultError(
+            f"{path} is truncated, damaged or of another version: {reason}"
+        ) from error
+
+
+def _is_as_written(result: RunResult, text: str) -> bool:
+    """Return whether a document is what wil-campaign, or an earlier version of it, writes."""
+    fields = as_plain(result)
+    written = json.loads(text)
+    for name, value in _ADDED.items():
+        if name not in written and fields[name] == value:
+            del fields[name]
+    try:
+        return to_json(fields) == text
+    except ValueError:  # numbers that JSON does not have
+        return False

@@ -1,0 +1,66 @@
+"""Documents are written whole or not at all."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from wil_campaign.foundation.files.document_writer import to_json, write_whole
+
+
+def test_text_and_bytes_are_written(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    write_whole(path, "ä\n")
+    assert path.read_bytes() == "ä\n".encode()
+    write_whole(path, b"\x00")
+    assert path.read_bytes() == b"\x00"
+    assert path.stat().st_mode & 0o777 == 0o644
+    assert [each.name for each in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_the_old_file_stays_when_writing_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.json"
+    write_whole(path, "before")
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        write_whole(path, "after")
+    assert path.read_text() == "before"
+    assert [each.name for each in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        write_whole(tmp_path / "no" / "a.json", "x")
+
+
+def test_the_file_is_flushed_before_it_gets_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[str] = []
+    real_fsync, real_replace = os.fsync, Path.replace
+
+    def fsync(handle: int) -> None:
+        seen.append("folder" if Path(f"/proc/self/fd/{handle}").is_dir() else "file")
+        real_fsync(handle)
+
+    def replace(self: Path, target: Path) -> Path:
+        seen.append("rename")
+        return real_replace(self, target)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    monkeypatch.setattr(Path, "replace", replace)
+    write_whole(tmp_path / "a.json", "x")
+    assert seen == ["file", "rename", "folder"]
+
+
+def test_half_of_a_surrogate_pair_is_escaped_in_json(tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    write_whole(path, to_json({"reason": "\ud800"}))
+    assert json.loads(path.read_text("utf-8")) == {"reason": "\ud800"}
