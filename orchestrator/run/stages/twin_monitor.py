@@ -127,8 +127,11 @@ class TwinMonitor:
             what = f"was never measured: at none of {len(self._due)} times were there poses of both"
         elif to_s - from_s > self._max_gap_s:
             t_s = from_s + self._max_gap_s
-            what = f"was not measured from {from_s:.2f} s to {to_s:.2f} s: there were no poses of "
-            what += f"both, and a gap may last {self._max_gap_s:g} s"
+            goal_s = self._run_state.entered_s.get("goal", 0.0)
+            what = f"was not measured from {from_s - goal_s:.2f} s to {to_s - goal_s:.2f} s after "
+            what += (
+                f"the goal: there were no poses of both, and a gap may last {self._max_gap_s:g} s"
+            )
         else:
             return
         self._run_state.decide(
