@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from functools import reduce
 from typing import Self
 
-from wil_campaign.campaigns.values.external_setups import MocapSetup
+from wil_campaign.campaigns.values.external_setups import MocapSetup, SourceSetup
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup
-from wil_campaign.hooks import run_observers
+from wil_campaign.hooks import image_sources, run_observers
 from wil_campaign.installed_plugins import added, load
-from wil_campaign.orchestrator.external.external_cameras import ExternalCamera
 from wil_campaign.orchestrator.external.external_readings import ReadingSources
+from wil_campaign.orchestrator.external.external_sources import ExternalSource
 from wil_campaign.orchestrator.external.motion_captures import MotionCaptures
 from wil_campaign.orchestrator.external.requested_images import RequestedImages, requested_images
 from wil_campaign.orchestrator.run_results.result_parts import ExternalResult
@@ -24,6 +24,7 @@ from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.safety.model.oracle_results import Flag
 from wil_campaign.vehicles.readings import Reading, Source
+from wil_campaign.vehicles.sources.camera_source import CameraSource
 
 _WATCH_S = 0.1
 _STALLED_S = 1.0
@@ -282,3 +283,23 @@ def _observers(setup: RunSetup, events: Mapping[str, float]) -> Iterator[Observe
     for name, given in setup.case.observers.items():
         observer: Observer = load(added(run_observers)[name].observe)(setup, given, events)
         yield observer
+
+
+class ExternalCamera(ExternalSource):
+    """A vehicle's camera with external images; a Stream of readings."""
+
+    def __init__(self, *, camera: CameraSetup, source: SourceSetup, side: Source) -> None:
+        super().__init__(
+            sensor=camera.name, shown_as=source.shown_as, side=side, make=self._make_source
+        )
+        self._camera = camera
+        self._setup = source
+
+    def _make_source(self) -> CameraSource:
+        made: CameraSource = load(added(image_sources)[self._setup.kind].open)(
+            self._setup,
+            intrinsics=self._camera.intrinsics,
+            side=self._side,
+            rate_hz=self._camera.rate_hz,
+        )
+        return made

@@ -8,17 +8,15 @@ from wil_campaign.foundation.tasks import finish, stop, together
 from wil_campaign.orchestrator.run.flight.run_parts import FlightParts
 from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFault
 from wil_campaign.orchestrator.run.perception.autonomy_runner import AutonomyRunner
-from wil_campaign.orchestrator.run.stages.landing import (
-    bring_down,
-    confirmed_at_rest,
-    verify_landed,
-)
 from wil_campaign.orchestrator.run.stages.pair_flight import fly_together
-from wil_campaign.orchestrator.run.vehicles.last_statustext import last_statustext
+from wil_campaign.orchestrator.run.vehicles.pair import Pair
 from wil_campaign.orchestrator.state.run_state import FlightError, RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.recipes.working import StepError
+from wil_campaign.safety.guard.core.commands import BringDown
+from wil_campaign.safety.guard.core.contingency import Phase
 from wil_campaign.safety.guard.core.events import GuardEvent, decisive
+from wil_campaign.vehicles.driver.vehicle_state import StatusText
 from wil_campaign.vehicles.errors import VehicleError
 
 _LANDINGS = 3
@@ -224,3 +222,73 @@ async def _follow(run: FlightParts) -> None:
         lambda: run.perception.statistics,
         run.oracle_runner.clearance_m,
     )
+
+
+_ALL_DOWN_S = 60.0
+"""How long the guard may take to land all, with its own retries and escalation."""
+_AGREED_S = 3.0
+"""Three heartbeats: the guard has so long to confirm what the driver reported."""
+
+
+async def bring_down(pair: Pair, run_state: RunState) -> None:
+    """Have the guard land every vehicle that is in the air or armed, and wait for it."""
+    guard = pair.guard
+    first = run_state.decisive[0].text if run_state.decisive else "the flight was not completed"
+    if run_state.reached("arm"):
+        run_state.enter("land")
+    guard.send(BringDown(first))
+    if not await guard.all_down(_ALL_DOWN_S):
+        still = ", ".join(f"{name} ({phase.value})" for name, phase in guard.phases.items())
+        run_state.decide("ERROR", f"not down {_ALL_DOWN_S:g} s after the guard took over: {still}")
+        return
+    if run_state.reached("takeoff") and not any(
+        context.driver.state.armed for context in pair.contexts
+    ):
+        run_state.enter("landed")
+
+
+async def verify_landed(pair: Pair, run_state: RunState) -> None:
+    """Check with the guard that all vehicles have landed; else have it land them.
+
+    A heartbeat that was replayed, or comes from another vehicle with the same system ID, may report
+    an armed vehicle as disarmed: it must not be left alone in the air.
+    """
+    if await pair.guard.at_rest(_AGREED_S):
+        return
+    text = f"the guard did not confirm within {_AGREED_S:g} s that all vehicles are disarmed"
+    run_state.decide("ERROR", text)
+    await bring_down(pair, run_state)
+
+
+async def confirmed_at_rest(pair: Pair) -> frozenset[str]:
+    """Return the vehicles of a run that the guard confirms to be disarmed."""
+    if await pair.guard.at_rest(_AGREED_S):
+        return frozenset(pair.guard.phases)
+    return frozenset(name for name, phase in pair.guard.phases.items() if phase is Phase.DOWN)
+
+
+_LAST_TEXTS = 4
+_FRESH_S = 2.0
+"""An older text may have another cause: its age is shown."""
+
+
+def last_statustext(pair: Pair, event: GuardEvent, *, armed_s: float | None) -> str:
+    """Return the last texts of the vehicle of a guard event: lost, failsafe, landed alone.
+
+    armed_s: when the vehicles were to arm; texts of the preflight ended no flight.
+    """
+    context = next(
+        (one for one in (*pair.contexts, *pair.actors) if one.name == event.vehicle), None
+    )
+    if context is None or event.kind not in {"lost", "failsafe", "alone"}:
+        return ""
+    recent = [text for text in context.driver.state.texts if armed_s is None or text.t_s >= armed_s]
+    texts = [_with_age(statustext, event.t_s) for statustext in recent[-_LAST_TEXTS:]]
+    return f"; its last STATUSTEXT: {' | '.join(texts)}" if texts else ""
+
+
+def _with_age(statustext: StatusText, t_s: float) -> str:
+    """Return a text; with its age if it was sent long before the event."""
+    since_s = t_s - statustext.t_s
+    text = statustext.text.strip()
+    return f"{text} ({since_s:.0f} s before)" if since_s >= _FRESH_S else text

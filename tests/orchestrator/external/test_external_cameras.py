@@ -14,7 +14,7 @@ from tests.plugins.cameras.conftest import Sender, given_port, sending
 from wil_campaign.campaigns.values.external_setups import SourceSetup
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.orchestrator.external.external_cameras import ExternalCamera
+from wil_campaign.orchestrator.external.external_io import ExternalCamera
 from wil_campaign.vehicles.readings import CameraReading, Reading
 from wil_campaign.vehicles.sources.camera_source import ImageChangedError, SourceError
 from wil_campaign.worlds.camera import CameraMount, Intrinsics

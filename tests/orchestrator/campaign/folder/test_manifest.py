@@ -14,7 +14,7 @@ from wil_campaign.orchestrator.campaign.folder.manifest import (
     world_digest,
 )
 from wil_campaign.orchestrator.campaign.folder.manifest_changes import changes_since_flight
-from wil_campaign.orchestrator.reading.flown_requirements import flown_requirements
+from wil_campaign.orchestrator.reading.results_folder import flown_requirements
 
 RATE = "recipe.sensors.camera.rate_hz=5"
 

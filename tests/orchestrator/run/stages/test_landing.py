@@ -11,8 +11,7 @@ from tests.orchestrator.flights import all_landed
 from tests.orchestrator.run.flight.test_run import at_stage
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.foundation.tasks import start
-from wil_campaign.orchestrator.run.flight.conduct import _finish
-from wil_campaign.orchestrator.run.stages.landing import bring_down
+from wil_campaign.orchestrator.run.flight.conduct import _finish, bring_down
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.safety.guard.core.commands import BringDown
