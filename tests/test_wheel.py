@@ -53,6 +53,7 @@ def test_a_wheel_has_one_name_all_files_and_the_commit(tmp_path: Path) -> None:
     expected = {f"wil_campaign/{name.removeprefix('wil_campaign/')}" for name in files}
     assert expected - found == set()
     assert not [name for name in found if "__pycache__" in name or name.endswith((".nbi", ".nbc"))]
+    assert not [name for name in files if name.endswith((".orig", ".rej"))]  # left by a merge
     with zipfile.ZipFile(wheel) as archive:
         assert archive.read("wil_campaign/COMMIT").decode().strip() == commit != UNKNOWN_COMMIT
     assert not (ROOT / "COMMIT").exists()

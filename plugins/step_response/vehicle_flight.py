@@ -9,6 +9,7 @@ from typing import Any
 from wil_campaign.foundation.files.document_writer import to_json
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import AttachedVehicle
 from wil_campaign.orchestrator.cli.arming_consent import (
+    REFUSED,
     UNAVAILABLE,
     RefusedError,
     clear_vehicle,
@@ -40,6 +41,7 @@ def fly_vehicle(link: str | None, *, arm_real: bool, results: Path, as_json: boo
     try:
         address = _address(link)
         found = clear_vehicle(address, purpose="a flight of step responses", arm_real=arm_real)
+        _require_figures(found.identity.autopilot)
         folder = _new_folder(results / "doctor")
         err(f"the vehicle flies for three minutes, 4 m forward and 3 m up; frames go to {folder}")
         flown = fly_step_responses(found, address, folder=folder, progress=err)
@@ -58,6 +60,14 @@ def _address(link: str | None) -> LinkAddress:
     if link is None:
         raise LinkAddressError("--fly: name the simulator by --vehicle LINK")
     return vehicle_address(link)
+
+
+def _require_figures(autopilot: str) -> None:
+    """Raise RefusedError for an autopilot with whose firmware nothing can be compared."""
+    if autopilot not in FIRMWARES:
+        known = " and ".join(FIRMWARES)
+        message = f"--fly: the figures of {known} are known, not of {autopilot}; leave --fly out"
+        raise RefusedError(message, REFUSED)
 
 
 def _new_folder(parent: Path) -> Path:

@@ -166,6 +166,22 @@ def test_the_estimate_is_compared_with_the_truth_of_its_time() -> None:
     assert error.most_m == pytest.approx(0.5)
 
 
+def test_a_firmware_without_figures_is_refused_before_it_flies(
+    flown: list[Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As that of an autopilot of another plugin."""
+    flown[:] = [ALIKE]
+    other = replace(SITL, identity=replace(SITL.identity, autopilot="third"))
+    monkeypatch.setattr(vehicle_flight, "clear_vehicle", lambda *_, **__: other)
+    assert main(FLY) == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith(
+        "--fly: the figures of px4 and ardupilot are known, not of third"
+    )
+    assert captured.out == ""
+    assert not Path("results").exists()
+
+
 def test_json_is_one_document(flown: list[Any], capsys: pytest.CaptureFixture[str]) -> None:
     flown[:] = [DIFFERENT]
     assert main([*FLY, "--json"]) == 1
