@@ -161,12 +161,15 @@ def _imported(module: str, name: str) -> ModuleType:
     try:
         return import_module(path)
     except ModuleNotFoundError as error:
-        folder, _, inner = module.partition(".")
-        if folder != "plugins" or not f"{path}.".startswith(f"{error.name}."):
-            raise
-        from wil_campaign.installed_plugins import missing  # noqa: PLC0415 - seldom needed
+        from wil_campaign.installed_plugins import missing, needed_by  # noqa: PLC0415 - seldom used
 
-        raise ImportError(missing(name, inner.partition(".")[0])) from error
+        folder, _, inner = module.partition(".")
+        text = needed_by(f"'{name}'", error)
+        if folder == "plugins" and f"{path}.".startswith(f"{error.name}."):
+            text = missing(name, inner.partition(".")[0])
+        if not text:
+            raise
+        raise ImportError(text) from error
 
 
 def __dir__() -> list[str]:

@@ -297,6 +297,11 @@ class AutopilotKind:
     emulation: str
     injection: str = ""
 
+    def __post_init__(self) -> None:
+        for each in ("strategy", "emulation"):
+            if not getattr(self, each):
+                raise ValueError(f"'{self.name}' has no {each}")
+
 
 @dataclass(frozen=True, slots=True)
 class LaunchKind:

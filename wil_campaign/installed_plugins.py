@@ -207,8 +207,19 @@ def absent(hook: Callable[[], Sequence[Named]]) -> Mapping[str, str]:
 
 def missing(name: str, plugin: str) -> str:
     """Return that a name is of a shipped plugin that is not installed, and the remedy."""
+    return f"'{name}' is of {_without(plugin)}"
+
+
+def needed_by(what: str, error: BaseException) -> str:
+    """Return that something needs a shipped plugin, which an import did not find; else ""."""
+    module = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
+    plugin = module.removeprefix(f"{_FOLDER}.").partition(".")[0]
+    return f"{what} needs {_without(plugin)}" if plugin in {*SHIPPED} - {*_shipped_names()} else ""
+
+
+def _without(plugin: str) -> str:
     return (
-        f"'{name}' is of the plugin {plugin}, which is not installed: "
+        f"the plugin {plugin}, which is not installed: "
         "pip install --force-reinstall --no-deps wil-campaign"
     )
 
@@ -287,6 +298,8 @@ def _register_others(manager: pluggy.PluginManager) -> dict[str, str]:
 
 def _words(error: Exception) -> str:
     """Return an exception in one line."""
+    if text := needed_by("it", error):
+        return text
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 

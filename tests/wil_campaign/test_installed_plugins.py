@@ -58,6 +58,13 @@ HOOKS = {
     "vehicle_checks",
 }
 CORE = ("orchestrator", "vehicles", "recipes", "campaigns", "safety", "worlds", "wil_campaign")
+THIRD = """
+from wil_campaign.hooks import AutopilotKind, implements
+
+@implements
+def autopilots():
+    return (AutopilotKind("third", strategy="wil_sonar:Third", emulation=""),)
+"""
 OF_MESH = "objects: {{shelf: {{shape: {{mesh: {{file: {}}}}}, pose: {{north_m: 4, east_m: 2}}}}}}\n"
 SONAR = '''
 from wil_campaign.hooks import Command, implements
@@ -702,8 +709,15 @@ def test_a_part_that_cannot_be_used_is_named_once(
             KIND.replace('"bat"', '"use"'),
             "autonomy_kinds(): 'use' is there already; mend it, or ",
         ),
+        (
+            THIRD,
+            "autopilots() fails: ValueError: 'third' has no emulation; mend it, or ",
+        ),
     ],
-    ids=["import", "hook", "fails", "core's", "plugin's", "key", "plugin's key", "autonomy's key"],
+    ids=[
+        *("import", "hook", "fails", "core's", "plugin's", "key", "plugin's key"),
+        *("autonomy's key", "autopilot"),
+    ],
 )
 def test_a_plugin_that_cannot_be_used_is_named(
     install: Install, capsys: pytest.CaptureFixture[str], source: str, said: str
@@ -791,6 +805,23 @@ for folder in Path({out!r}).glob("*/*"):
 for name in ("BadInput", "run", "Recording", "Study"):
     try:
         print("named:", getattr(wil_campaign, name).__name__)
+    except ImportError as error:
+        print(error)
+"""
+
+
+WITHOUT_SOME = """
+from pathlib import Path
+__path__ = [*__path__, "{home}/wil_campaign"]
+exec(Path("{home}/wil_campaign/__init__.py").read_text())
+"""
+LACKING = """
+from wil_campaign.orchestrator.cli import main
+assert main(["validate", {gate!r}]) == 2
+import wil_campaign
+for name in ("mix", "search", "load"):
+    try:
+        print(getattr(wil_campaign, name).__name__)
     except ImportError as error:
         print(error)
 """
@@ -934,3 +965,30 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     for name, plugin in (("run", "python"), ("Recording", "python"), ("Study", "statistics")):
         assert f"'{name}' is of the plugin {plugin}, which is not installed: pip " in done.stdout
     assert absent(hooks.commands) == {}
+
+
+def test_a_plugin_says_which_other_one_it_lacks(tmp_path: Path) -> None:
+    """It said: No module named 'wil_campaign.plugins.firmware'."""
+    plugins = tmp_path / "wil_campaign" / "plugins"
+    plugins.mkdir(parents=True)
+    for path in (ROOT / "plugins").iterdir():
+        if path.name not in {"firmware", "cameras", "stl"}:
+            (plugins / path.name).symlink_to(path)
+    (tmp_path / "wil_campaign" / "__init__.py").write_text(WITHOUT_SOME.format(home=ROOT))
+    done = subprocess.run(  # noqa: S603 - our own interpreter
+        [
+            *(sys.executable, "-P", "-c"),
+            LACKING.format(gate=str(ROOT / "campaigns" / "gate.yaml")),
+        ],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    said = "plugin ardupilot (shipped): launches(): "
+    said += "wil_campaign.plugins.ardupilot.launch:ArduPilotLaunchPart cannot be used: it needs "
+    assert f"{said}the plugin firmware, which is not installed: pip install " in done.stderr
+    mix, search, load = done.stdout.splitlines()
+    assert mix.startswith("'mix' needs the plugin cameras, which is not installed: pip install ")
+    assert search.startswith("'search' needs the plugin stl, which is not installed: pip install ")
+    assert load == "load"
