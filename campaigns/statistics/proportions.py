@@ -61,7 +61,7 @@ def _added_terms(passed: int, flown: int, rate: float) -> float:
     for count in range(passed, flown + 1):
         added += term
         term *= (flown - count) / (count + 1) * rate / (1.0 - rate)
-        if term < added * 1e-18:
+        if term <= added * 1e-18:
             break
     return added
 
