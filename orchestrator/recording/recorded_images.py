@@ -43,11 +43,20 @@ class _Drawer(NamedTuple):
     digest: str
 
 
+class _OtherShapesError(Exception):
+    """The shapes of a world are no longer those of a flight; has what draws those of now."""
+
+    def __init__(self, drawer: _Drawer) -> None:
+        super().__init__()
+        self.drawer = drawer
+
+
 class RecordedImages:
     """The images of one recording. facts: of its beginning."""
 
     def __init__(self, facts: Mapping[str, str]) -> None:
         self._facts = facts
+        self._drawers: dict[str, _Drawer] = {}
         self._refused: dict[str, str] = {}
 
     def image(self, document: Json) -> NDArray[Any]:
@@ -97,16 +106,24 @@ class RecordedImages:
         """Return what draws the images of a vehicle; None where that was refused before."""
         if source in self._refused:
             return None
+        if source not in self._drawers:
+            self._find_drawer(source)
+        return self._drawers.get(source)
+
+    def _find_drawer(self, source: str) -> None:
+        """Find what draws the images of a vehicle, or why there is nothing."""
         world, mode = self._facts.get("world"), self._facts.get("mode")
         if world is None or mode not in get_args(Mode) or source not in _WORLDS:
             self._refused[source] = "the recording has no world"
-            return None
+            return
+        file, flown = self._facts.get("world_file", ""), self._facts.get(f"shapes_{source}")
         try:
-            return _drawer(world, self._facts.get("world_file", ""), mode, _WORLDS[source])
+            self._drawers[source] = _drawer(world, file, mode, _WORLDS[source], flown)
+        except _OtherShapesError as other:
+            self._drawers[source] = other.drawer
         except BadInput as error:
             first = error.problems[0]
             self._refused[source] = f"its world cannot be read: {first.file}: {first.message}"
-            return None
 
     def _why_other(self, source: str, drawer: _Drawer) -> str:
         """Return why the image that is drawn now is not that of the flight, in words."""
@@ -140,11 +157,18 @@ def _draw(again: "DrawnAgain", document: Json) -> Parts | None:
 
 
 @lru_cache(maxsize=4)
-def _drawer(world: str, file: str, mode: Mode, which: Which) -> _Drawer:
-    """Return what draws a scene; cached, as runs share worlds. Raises BadInput."""
+def _drawer(world: str, file: str, mode: Mode, which: Which, flown: str | None) -> _Drawer:
+    """Return what draws a scene; cached, as runs share worlds. flown: the digest of its shapes.
+
+    Meshes are in files, which change between runs: only the shapes of the flight are kept, and not
+    those that a file had when it was read first. Raises BadInput, _OtherShapesError.
+    """
     from wil_campaign.vehicles.sensors.drawn_again import DrawnAgain  # noqa: PLC0415 - kernels
 
     found = world_in({"world": world, "world_file": file})
     assert found is not None  # noqa: S101 - the fact is given
     scene = found.scene(mode, which)
-    return _Drawer(DrawnAgain(scene), scene_digest(scene))
+    drawer = _Drawer(DrawnAgain(scene), scene_digest(scene))
+    if flown is not None and drawer.digest != flown:
+        raise _OtherShapesError(drawer)
+    return drawer

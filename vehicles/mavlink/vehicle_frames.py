@@ -50,7 +50,7 @@ class SenderSequence:
         self._last_s = 0.0
         self._period_s = 0.0
         self._number_s = 0.0
-        """How long a number takes on average; unlike a period it is no longer where some are lost."""
+        """How long a number takes on average; unlike a period no longer where some are lost."""
         self._silent_s = _LEAST_SILENT_S
         """After a silence that is longer, any number continues the sequence."""
         self._came: deque[tuple[float, Frame]] = deque(maxlen=_KEPT)
