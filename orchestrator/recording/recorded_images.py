@@ -5,6 +5,7 @@ recording has these and a digest, and here it is drawn again. One whose digest d
 it is not the image that was flown with.
 """
 
+import math
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, get_args
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 from numpy.typing import NDArray
 
 from wil_campaign.foundation.files.documents import BadInput
+from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
 from wil_campaign.orchestrator.installation import flown_program
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_bodies import digest_of, jpeg_of
@@ -23,6 +25,9 @@ from wil_campaign.orchestrator.recording.mcap.mcap_decode import (
 )
 from wil_campaign.orchestrator.recording.mcap.mcap_json import Json, bytes_of
 from wil_campaign.orchestrator.recording.recording_facts import quality_in, scene_digest, world_in
+from wil_campaign.vehicles.cameras.camera_effects import NOISE_ROLL_PX
+from wil_campaign.vehicles.readings import Drawing
+from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.world_file.world_schema import Mode, Which
 
 if TYPE_CHECKING:  # readers of a recording load the renderer where an image is drawn again
@@ -30,6 +35,11 @@ if TYPE_CHECKING:  # readers of a recording load the renderer where an image is 
 
 _WORLDS: Mapping[str, Which] = {"real": "W", "twin": "Wv"}
 """The world that a vehicle's images are of."""
+
+
+_LEAST_PX, _MOST_PX = 1e-3, 1e9
+_LEAST_TURN, _MOST_TURN = 0.1, 10.0
+"""Lengths of quaternions; of rotations they are about 1."""
 
 
 class NotDrawnAgainError(RecordingError):
@@ -141,6 +151,7 @@ def _draw(again: "DrawnAgain", document: Json) -> Parts | None:
     """Return an image that is drawn again, by part; None where it is another than in flight."""
     wanted, digests = document["wil"]["drawing"], document["wil"]["drawing"]["crc32"]
     drawing, (intrinsics, _) = drawing_of(wanted), camera_of(document)
+    _require_drawable(drawing, intrinsics)
     try:
         image = again.image(
             drawing, intrinsics, want_depth="depth" in digests, want_ids="ids" in digests
@@ -154,6 +165,28 @@ def _draw(again: "DrawnAgain", document: Json) -> Parts | None:
     for array in parts.values():
         array.setflags(write=False)
     return parts
+
+
+def _require_drawable(drawing: Drawing, camera: Intrinsics) -> None:
+    """Raise ValueError for what no flight has drawn: kernels check nothing, and would crash.
+
+    A recording may come from elsewhere, or be damaged: anything may stand in it.
+    """
+    sizes, focal_px = (camera.width_px, camera.height_px), (camera.fx_px, camera.fy_px)
+    if any(type(one) is not int or one < 1 for one in sizes) or math.prod(sizes) > MAX_IMAGE_PIXELS:
+        raise ValueError(f"an image of {sizes[0]} x {sizes[1]} pixels")
+    if not all(_LEAST_PX < one < _MOST_PX for one in focal_px):
+        raise ValueError(f"a camera with focal lengths of {focal_px[0]} and {focal_px[1]} pixels")
+    if not all(abs(one) < _MOST_PX for one in (camera.cx_px, camera.cy_px)):
+        raise ValueError(f"a camera with its axis at ({camera.cx_px}, {camera.cy_px})")
+    for pose in (drawing.camera_pose, *drawing.moving):
+        if not all(map(math.isfinite, pose.position_ned_m)):
+            raise ValueError(f"a position of {pose.position_ned_m}")
+        if not _LEAST_TURN < math.hypot(*pose.q_wxyz) < _MOST_TURN:
+            raise ValueError(f"a quaternion of {pose.q_wxyz}")
+    done = drawing.effects
+    if done is not None and not all(0 <= one <= NOISE_ROLL_PX for one in done.noise_roll_px):
+        raise ValueError(f"noise that is moved by {done.noise_roll_px}")
 
 
 @lru_cache(maxsize=4)

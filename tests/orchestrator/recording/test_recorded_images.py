@@ -16,11 +16,12 @@ from tests.orchestrator.mcap_runs import assert_same, recorder
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.installation import flown_program
+from wil_campaign.orchestrator.recording.mcap.mcap_bodies import drawing_body
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import (
     EXACT,
     RecordingSettings,
 )
-from wil_campaign.orchestrator.recording.recorded_images import NotDrawnAgainError
+from wil_campaign.orchestrator.recording.recorded_images import NotDrawnAgainError, RecordedImages
 from wil_campaign.orchestrator.recording.recorded_images import _drawer as drawers
 from wil_campaign.orchestrator.recording.recording_facts import scene_digest, world_in
 from wil_campaign.orchestrator.recording.run_video import make_video
@@ -237,6 +238,36 @@ def test_the_noise_of_many_runs_is_not_kept() -> None:
     kept_bytes, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert kept_bytes < 12 * (120 + 128) * (160 + 128) * 3 * 2
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "what"),
+    [
+        (("intrinsics", "fx_px"), 0.0, "focal lengths of 0.0"),
+        (("intrinsics", "fy_px"), None, "focal lengths of"),
+        (("intrinsics", "width_px"), 60_000_000, "an image of 60000000 x 120 pixels"),
+        (("intrinsics", "height_px"), -5, "an image of 160 x -5 pixels"),
+        (("intrinsics", "cx_px"), 1e300, "its axis at"),
+        (("drawing", "camera_pose", "q_wxyz"), [None, 0, 0, 0], "a quaternion of"),
+        (("drawing", "camera_pose", "position_ned_m"), [None, 0, 0], "a position of"),
+        (("drawing", "effects", "noise_roll_px"), [500, 0], "noise that is moved by"),
+    ],
+)
+def test_a_drawing_that_no_flight_made_is_refused_before_it_crashes_the_renderer(
+    place: tuple[str, ...], value: object, what: str
+) -> None:
+    flown = drawn()[3]
+    assert flown.drawing is not None
+    document = json.loads(json.dumps(drawing_body(flown, flown.drawing)[1]))
+    document["wil"] |= {"source": "twin", "t_s": 0.3}
+    assert RecordedImages(FACTS).image(document).shape == (120, 160, 3)
+    *path, last = place
+    part = document["wil"]
+    for name in path:
+        part = part[name]
+    part[last] = value
+    with pytest.raises(ValueError, match=what):
+        RecordedImages(FACTS).image(document)
 
 
 def test_other_readings_of_a_recording_do_not_need_its_world(tmp_path: Path) -> None:
