@@ -113,7 +113,7 @@ class RecordedRun:
         facts = dict(recording.facts)
         self._fences = _plain_fences(facts)
         await take(FactsView(self._run, facts))
-        has_told = await self._tell_refused(refused, loaded, loaded.rows[0].t_s, take)
+        is_told = await self._tell_refused(refused, loaded, loaded.rows[0].t_s, take)
         if from_s > loaded.rows[0].t_s:
             playback.show_past(self._run, loaded.trails(from_s))
         shown: dict[str, float] = {}
@@ -138,7 +138,7 @@ class RecordedRun:
                 image = await asyncio.to_thread(next, images, None)
                 await self._show_images(due, shown, take)
             await self._show_images(due, shown, take)
-            has_told = has_told or await self._tell_refused(refused, loaded, t_s, take)
+            is_told = is_told or await self._tell_refused(refused, loaded, t_s, take)
         return True
 
     async def _tell_refused(
