@@ -79,7 +79,7 @@ async def test_a_finished_run_is_played_as_it_was_flown(tmp_path: Path) -> None:
     assert max(max(face) for face in gate["faces"]) < len(gate["vertices_m"])
 
 
-async def test_an_image_that_cannot_be_drawn_again_is_told_also_where_others_can(
+async def test_an_image_that_cannot_be_drawn_again_is_named_also_where_others_can(
     tmp_path: Path,
 ) -> None:
     """A mesh that was changed since may come into view late."""
@@ -94,8 +94,8 @@ async def test_an_image_that_cannot_be_drawn_again_is_told_also_where_others_can
         drawing = Drawing(Pose((0.0, 0.0, 0.0)))
         run.reading("camera", at(t_s=late_s, arrived_s=late_s, seq=1, drawing=drawing))
     found = await played(folder)
-    told = [one.text for one in found if isinstance(one, EventView) and one.kind == "recording"]
-    assert [text.partition(" is not ")[0] for text in told] == [
+    named = [one.text for one in found if isinstance(one, EventView) and one.kind == "recording"]
+    assert [text.partition(" is not ")[0] for text in named] == [
         f"the image of real/camera at {late_s:.3f} s"
     ]
 
