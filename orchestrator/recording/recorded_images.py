@@ -5,6 +5,7 @@ recording has these and a digest, and here it is drawn again. One whose digest d
 it is not the image that was flown with.
 """
 
+import math
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, get_args
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 from numpy.typing import NDArray
 
 from wil_campaign.foundation.files.documents import BadInput
+from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
 from wil_campaign.orchestrator.installation import flown_program
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_bodies import digest_of, jpeg_of
@@ -23,6 +25,9 @@ from wil_campaign.orchestrator.recording.mcap.mcap_decode import (
 )
 from wil_campaign.orchestrator.recording.mcap.mcap_json import Json, bytes_of
 from wil_campaign.orchestrator.recording.recording_facts import quality_in, scene_digest, world_in
+from wil_campaign.vehicles.cameras.camera_effects import NOISE_ROLL_PX
+from wil_campaign.vehicles.readings import Drawing
+from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.world_file.world_schema import Mode, Which
 
 if TYPE_CHECKING:  # readers of a recording load the renderer where an image is drawn again
@@ -30,6 +35,11 @@ if TYPE_CHECKING:  # readers of a recording load the renderer where an image is 
 
 _WORLDS: Mapping[str, Which] = {"real": "W", "twin": "Wv"}
 """The world that a vehicle's images are of."""
+
+
+_LEAST_PX, _MOST_PX = 1e-3, 1e9
+_LEAST_TURN, _MOST_TURN = 0.1, 10.0
+"""Lengths of quaternions; of rotations they are about 1."""
 
 
 class NotDrawnAgainError(RecordingError):
@@ -43,11 +53,20 @@ class _Drawer(NamedTuple):
     digest: str
 
 
+class _OtherShapesError(Exception):
+    """The shapes of a world are no longer those of a flight; has what draws those of now."""
+
+    def __init__(self, drawer: _Drawer) -> None:
+        super().__init__()
+        self.drawer = drawer
+
+
 class RecordedImages:
     """The images of one recording. facts: of its beginning."""
 
     def __init__(self, facts: Mapping[str, str]) -> None:
         self._facts = facts
+        self._drawers: dict[str, _Drawer] = {}
         self._refused: dict[str, str] = {}
 
     def image(self, document: Json) -> NDArray[Any]:
@@ -97,16 +116,24 @@ class RecordedImages:
         """Return what draws the images of a vehicle; None where that was refused before."""
         if source in self._refused:
             return None
+        if source not in self._drawers:
+            self._find_drawer(source)
+        return self._drawers.get(source)
+
+    def _find_drawer(self, source: str) -> None:
+        """Find what draws the images of a vehicle, or why there is nothing."""
         world, mode = self._facts.get("world"), self._facts.get("mode")
         if world is None or mode not in get_args(Mode) or source not in _WORLDS:
             self._refused[source] = "the recording has no world"
-            return None
+            return
+        file, flown = self._facts.get("world_file", ""), self._facts.get(f"shapes_{source}")
         try:
-            return _drawer(world, self._facts.get("world_file", ""), mode, _WORLDS[source])
+            self._drawers[source] = _drawer(world, file, mode, _WORLDS[source], flown)
+        except _OtherShapesError as other:
+            self._drawers[source] = other.drawer
         except BadInput as error:
             first = error.problems[0]
             self._refused[source] = f"its world cannot be read: {first.file}: {first.message}"
-            return None
 
     def _why_other(self, source: str, drawer: _Drawer) -> str:
         """Return why the image that is drawn now is not that of the flight, in words."""
@@ -124,6 +151,7 @@ def _draw(again: "DrawnAgain", document: Json) -> Parts | None:
     """Return an image that is drawn again, by part; None where it is another than in flight."""
     wanted, digests = document["wil"]["drawing"], document["wil"]["drawing"]["crc32"]
     drawing, (intrinsics, _) = drawing_of(wanted), camera_of(document)
+    _require_drawable(drawing, intrinsics)
     try:
         image = again.image(
             drawing, intrinsics, want_depth="depth" in digests, want_ids="ids" in digests
@@ -139,12 +167,41 @@ def _draw(again: "DrawnAgain", document: Json) -> Parts | None:
     return parts
 
 
+def _require_drawable(drawing: Drawing, camera: Intrinsics) -> None:
+    """Raise ValueError for what no flight has drawn: kernels check nothing, and would crash.
+
+    A recording may come from elsewhere, or be damaged: anything may stand in it.
+    """
+    sizes, focal_px = (camera.width_px, camera.height_px), (camera.fx_px, camera.fy_px)
+    if any(type(one) is not int or one < 1 for one in sizes) or math.prod(sizes) > MAX_IMAGE_PIXELS:
+        raise ValueError(f"an image of {sizes[0]} x {sizes[1]} pixels")
+    if not all(_LEAST_PX < one < _MOST_PX for one in focal_px):
+        raise ValueError(f"a camera with focal lengths of {focal_px[0]} and {focal_px[1]} pixels")
+    if not all(abs(one) < _MOST_PX for one in (camera.cx_px, camera.cy_px)):
+        raise ValueError(f"a camera with its axis at ({camera.cx_px}, {camera.cy_px})")
+    for pose in (drawing.camera_pose, *drawing.moving):
+        if not all(map(math.isfinite, pose.position_ned_m)):
+            raise ValueError(f"a position of {pose.position_ned_m}")
+        if not _LEAST_TURN < math.hypot(*pose.q_wxyz) < _MOST_TURN:
+            raise ValueError(f"a quaternion of {pose.q_wxyz}")
+    done = drawing.effects
+    if done is not None and not all(0 <= one <= NOISE_ROLL_PX for one in done.noise_roll_px):
+        raise ValueError(f"noise that is moved by {done.noise_roll_px}")
+
+
 @lru_cache(maxsize=4)
-def _drawer(world: str, file: str, mode: Mode, which: Which) -> _Drawer:
-    """Return what draws a scene; cached, as runs share worlds. Raises BadInput."""
+def _drawer(world: str, file: str, mode: Mode, which: Which, flown: str | None) -> _Drawer:
+    """Return what draws a scene; cached, as runs share worlds. flown: the digest of its shapes.
+
+    Meshes are in files, which change between runs: only the shapes of the flight are kept, and not
+    those that a file had when it was read first. Raises BadInput, _OtherShapesError.
+    """
     from wil_campaign.vehicles.sensors.drawn_again import DrawnAgain  # noqa: PLC0415 - kernels
 
     found = world_in({"world": world, "world_file": file})
     assert found is not None  # noqa: S101 - the fact is given
     scene = found.scene(mode, which)
-    return _Drawer(DrawnAgain(scene), scene_digest(scene))
+    drawer = _Drawer(DrawnAgain(scene), scene_digest(scene))
+    if flown is not None and drawer.digest != flown:
+        raise _OtherShapesError(drawer)
+    return drawer

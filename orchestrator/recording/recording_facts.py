@@ -1,6 +1,7 @@
 """The facts of a run at the beginning of run.mcap, by which its readings can be mixed again."""
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -92,7 +93,7 @@ def recipe_in(facts: Mapping[str, str], *, loads_code: bool) -> Recipe | None:
         return None
     file = facts.get("recipe_file", "recipe.yaml")
     name = f"{file} (as recorded)"
-    document = parse(text.encode(), name=name, path=Path(file))
+    document = parse(_as_yaml(text), name=name, path=Path(file))
     return load_recipe(document, loads_code=loads_code)
 
 
@@ -102,7 +103,21 @@ def world_in(facts: Mapping[str, str]) -> World | None:
     if text is None:
         return None
     file = facts.get("world_file", "world.yaml")
-    return World.parse(parse(text.encode(), name=f"{file} (as recorded)", path=Path(file)))
+    return World.parse(parse(_as_yaml(text), name=f"{file} (as recorded)", path=Path(file)))
+
+
+_PAIR = re.compile(r"(?<!\\)((?:\\\\)*)\\u(d[89ab][0-9a-f]{2})\\u(d[c-f][0-9a-f]{2})")
+"""A character beyond the first 65536, as JSON writes it; not after an odd backslash."""
+
+
+def _as_yaml(text: str) -> bytes:
+    """Return a document in JSON as YAML, which has other words for an emoji alone."""
+
+    def joined(pair: re.Match[str]) -> str:
+        high, low = int(pair[2], 16), int(pair[3], 16)
+        return f"{pair[1]}\\U{0x10000 + ((high - 0xD800) << 10) + low - 0xDC00:08x}"
+
+    return _PAIR.sub(joined, text).encode()
 
 
 def campaign_in(facts: Mapping[str, str]) -> dict[str, Data]:

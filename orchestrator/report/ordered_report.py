@@ -49,13 +49,19 @@ def write_ordered(
     """
     folder = Path(folder)
     without = _make_videos(folder, videos)
-    shown = _draw_images(folder, pictures, run)
+    shown = _draw_images(folder, pictures, run, without)
     written = write_report(folder, out=None if out is None else Path(out), workers=workers)
     return Report(written.path, (*without, *written.problems), shown)
 
 
-def _draw_images(folder: Path, wanted: Sequence[str], run: str) -> tuple[Path, ...]:
-    """Write pictures of a run; return their paths. Raises ResultsFolderError, OSError."""
+def _draw_images(
+    folder: Path, wanted: Sequence[str], run: str, without: list[str]
+) -> tuple[Path, ...]:
+    """Write pictures of a run; return their paths. Raises ResultsFolderError, OSError.
+
+    without: gets which cannot be drawn of the recording, and why: the report is written all the
+    same.
+    """
     known, missing = added(report_images), absent(report_images)
     if run and not wanted:
         options = " or ".join(f"--{name}" for name in (*known, *missing))
@@ -63,7 +69,13 @@ def _draw_images(folder: Path, wanted: Sequence[str], run: str) -> tuple[Path, .
     for name in wanted:
         if name in missing:
             raise ResultsFolderError(missing[name])
-    return tuple(load(known[name].write)(folder, run) for name in wanted)
+    shown: list[Path] = []
+    for name in wanted:
+        try:
+            shown.append(load(known[name].write)(folder, run))
+        except RecordingError as error:
+            without.append(f"no --{name}: {error}")
+    return tuple(shown)
 
 
 def _make_videos(folder: Path, wanted: Sequence[str]) -> list[str]:

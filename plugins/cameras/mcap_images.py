@@ -33,6 +33,16 @@ _JUMP_S, _FASTEST = 10.0, 100.0
 """A stamp may be so much later than the log times tell: of a simulation, so many times faster."""
 
 
+_DRAWN = (
+    "in a run's recording, images that the program drew are there with record: {pictures: jpeg}"
+)
+
+
+def _is_mixture(topic: str) -> bool:
+    """Return whether a topic is that of a run's mixtures: virtual objects are in them already."""
+    return topic.startswith("/mixed/")
+
+
 class _Timed(NamedTuple):
     """The times of an image: since the first one, and when it was logged; s."""
 
@@ -44,7 +54,7 @@ class _Timed(NamedTuple):
 class McapFile:
     """The images of an MCAP file by their own stamps, else by log time; an ImageFile.
 
-    topic: None when the file has one topic of images only.
+    topic: None when the file has one topic of images only, and that is not of a run's mixtures.
     """
 
     def __init__(self, *, path: Path, topic: str | None = None) -> None:
@@ -132,17 +142,15 @@ class McapFile:
 
     def _choose_topic(self, topics: dict[str, Decode]) -> tuple[str, Decode]:
         listed = ", ".join(sorted(topics)) or "none"
-        if self._topic is None and len(topics) == 1:
+        if self._topic is None and len(topics) == 1 and not _is_mixture(listed):
             return next(iter(topics.items()))
         if self._topic is None:
             raise SourceError(
-                f"{self._path}: choose one of its image topics by name (it has: {listed})"
+                f"{self._path}: choose one of its image topics by name (it has: {listed}); {_DRAWN}"
             )
         if self._topic not in topics:
             raise SourceError(
-                f"{self._path}: has no images on topic {self._topic!r} (it has: {listed}); in a "
-                "run's recording, images that the program drew are there with record: "
-                "{pictures: jpeg}"
+                f"{self._path}: has no images on topic {self._topic!r} (it has: {listed}); {_DRAWN}"
             )
         return self._topic, topics[self._topic]
 

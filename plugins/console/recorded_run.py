@@ -113,9 +113,7 @@ class RecordedRun:
         facts = dict(recording.facts)
         self._fences = _plain_fences(facts)
         await take(FactsView(self._run, facts))
-        for error in refused[:1]:
-            begin_s, last = loaded.rows[0].t_s, len(loaded.events)
-            await take(EventView(self._run, last + 1, begin_s, "recording", "", "", str(error)))
+        is_named = await self._name_refused(refused, loaded, loaded.rows[0].t_s, take)
         if from_s > loaded.rows[0].t_s:
             playback.show_past(self._run, loaded.trails(from_s))
         shown: dict[str, float] = {}
@@ -140,7 +138,17 @@ class RecordedRun:
                 image = await asyncio.to_thread(next, images, None)
                 await self._show_images(due, shown, take)
             await self._show_images(due, shown, take)
+            is_named = is_named or await self._name_refused(refused, loaded, t_s, take)
         return True
+
+    async def _name_refused(
+        self, refused: list[NotDrawnAgainError], loaded: _Loaded, t_s: float, take: Take
+    ) -> bool:
+        """Name the first image that cannot be drawn again, if any; return whether there is."""
+        for error in refused[:1]:
+            number = len(loaded.events) + 1
+            await take(EventView(self._run, number, t_s, "recording", "", "", str(error)))
+        return bool(refused)
 
     async def _show_images(
         self, due: dict[str, CameraReading], shown: dict[str, float], take: Take

@@ -25,7 +25,8 @@ _BEFORE_S = (2.0, 1.5, 1.0, 0.5)
 def write_card(folder: Path, run: str = "") -> Path:
     """Write the card of a run; return its path. run: its name; empty for the one to show first.
 
-    Raises ResultsFolderError for an unknown run, or one that has no files; OSError.
+    Raises ResultsFolderError for an unknown run, or one that has no files; NotDrawnAgainError,
+    OSError.
     """
     campaign, entry = _find_run(folder, run)
     report = _read(folder, entry)
@@ -51,7 +52,8 @@ def _card_times(run: RunReport) -> list[float]:
 def write_moving_picture(folder: Path, run: str = "") -> Path:
     """Write the moving picture of a run; return its path. run: as for the card.
 
-    Raises ResultsFolderError for an unknown run, or one without recorded images; OSError.
+    Raises ResultsFolderError for an unknown run, or one without recorded images;
+    NotDrawnAgainError, OSError.
     """
     campaign, entry = _find_run(folder, run)
     report = _read(folder, entry)
@@ -64,11 +66,11 @@ def write_moving_picture(folder: Path, run: str = "") -> Path:
 
 
 def _images(folder: Path, entry: RunEntry, wanted_s: Sequence[float]) -> list[ImagesAtTime]:
-    """Return the images of a run at the wanted times. Raises ResultsFolderError."""
+    """Return the images of a run at the wanted times. Raises NotDrawnAgainError."""
     try:
         return read_images(folder / entry.name, mode=entry.mode, wanted_s=wanted_s)
     except NotDrawnAgainError as error:
-        raise ResultsFolderError(f"{entry.name}: {error}") from error
+        raise NotDrawnAgainError(f"{entry.name}: {error}") from error
 
 
 def _read(folder: Path, entry: RunEntry) -> RunReport:

@@ -49,6 +49,8 @@ class SenderSequence:
         self._last: int | None = None
         self._last_s = 0.0
         self._period_s = 0.0
+        self._number_s = 0.0
+        """How long a number takes on average; unlike a period no longer where some are lost."""
         self._silent_s = _LEAST_SILENT_S
         """After a silence that is longer, any number continues the sequence."""
         self._came: deque[tuple[float, Frame]] = deque(maxlen=_KEPT)
@@ -92,7 +94,7 @@ class SenderSequence:
 
         t_s: its time of arrival. Both are in the order in which they came.
         """
-        lately_s = min(_LATELY_S, _HALF_ROUND * self._period_s)
+        lately_s = min(_LATELY_S, _HALF_ROUND * self._number_s)
         if self._other_came and t_s - self._other_came[-1][0] > lately_s and not self.are_two:
             self._other = None
         if self._last is None or t_s - self._last_s > self._silent_s:
@@ -210,7 +212,7 @@ class SenderSequence:
 
     def _comes_again(self, frame: Frame, came: deque[tuple[float, Frame]], t_s: float) -> bool:
         """Return whether a frame's number came before it is due, in a frame with other bytes."""
-        within_s = min(2.0 * _LATELY_S, _HALF_ROUND * self._period_s)
+        within_s = min(2.0 * _LATELY_S, _HALF_ROUND * self._number_s)
         return any(
             one.seq == frame.seq and one.raw != frame.raw and t_s - at_s <= within_s
             for at_s, one in came
@@ -222,6 +224,8 @@ class SenderSequence:
             silent_s = _SILENT_PERIODS * self._period_s
             self._silent_s = min(max(_LEAST_SILENT_S, silent_s), _MOST_SILENT_S)
             ahead = _ahead(self._last, frame.seq)
+            if ahead <= _APART:
+                self._number_s += _SHARE * ((t_s - self._last_s) / ahead - self._number_s)
             if 1 < ahead <= _APART:
                 self._skipped.extend((self._last + one) & 0xFF for one in range(1, ahead))
             elif _APART < ahead < 256:

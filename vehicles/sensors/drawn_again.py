@@ -1,6 +1,9 @@
 """Draws images of a world again, from what they were drawn of: equal to the first bit by bit."""
 
-from wil_campaign.vehicles.cameras.camera_effects import CameraEffects
+from dataclasses import replace
+from functools import lru_cache
+
+from wil_campaign.vehicles.cameras.camera_effects import NO_STREAK, CameraEffects
 from wil_campaign.vehicles.cameras.rendered_cameras import RenderedImage
 from wil_campaign.vehicles.readings import Drawing, DrawnEffects
 from wil_campaign.vehicles.sensors.lens import LensImage, ThroughLens
@@ -9,7 +12,8 @@ from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.render.renderer import Renderer
 from wil_campaign.worlds.scene.scene import Scene
 
-_CameraKey = tuple[tuple[int, ...], float, float, float, Intrinsics]
+_CAMERAS = 8
+"""So many cameras have their noise ready, some 3 MB each: every run has noise of its own."""
 
 
 class DrawnAgain:
@@ -17,7 +21,6 @@ class DrawnAgain:
 
     def __init__(self, scene: Scene) -> None:
         self._renderer = Renderer(scene)
-        self._effects: dict[_CameraKey, CameraEffects] = {}
 
     def image(
         self, drawing: Drawing, intrinsics: Intrinsics, *, want_depth: bool, want_ids: bool
@@ -30,16 +33,17 @@ class DrawnAgain:
         done = drawing.effects
         if done is None:
             return image
-        colors = self._effects_of(done, intrinsics).apply(
+        camera = replace(done, streak_px=NO_STREAK, noise_roll_px=(0, 0))
+        colors = _effects_of(camera, intrinsics).apply(
             image.image_bgr, streak_px=done.streak_px, noise_roll_px=done.noise_roll_px
         )
         return LensImage(colors, image.depth_m, image.object_ids)
 
-    def _effects_of(self, done: DrawnEffects, intrinsics: Intrinsics) -> CameraEffects:
-        key = (done.seed, done.noise_std_dn, done.gain, done.offset_dn, intrinsics)
-        if key not in self._effects:
-            self._effects[key] = CameraEffects.again(done, intrinsics)
-        return self._effects[key]
+
+@lru_cache(maxsize=_CAMERAS)
+def _effects_of(camera: DrawnEffects, intrinsics: Intrinsics) -> CameraEffects:
+    """Return the effects of a camera. camera: of any of its images, but equal for all of them."""
+    return CameraEffects.again(camera, intrinsics)
 
 
 class _At:

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import tracemalloc
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,12 +16,14 @@ from tests.orchestrator.mcap_runs import assert_same, recorder
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.installation import flown_program
+from wil_campaign.orchestrator.recording.mcap.mcap_bodies import drawing_body
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import (
     EXACT,
     RecordingSettings,
 )
-from wil_campaign.orchestrator.recording.recorded_images import NotDrawnAgainError
-from wil_campaign.orchestrator.recording.recording_facts import world_in
+from wil_campaign.orchestrator.recording.recorded_images import NotDrawnAgainError, RecordedImages
+from wil_campaign.orchestrator.recording.recorded_images import _drawer as drawers
+from wil_campaign.orchestrator.recording.recording_facts import scene_digest, world_in
 from wil_campaign.orchestrator.recording.run_video import make_video
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.plugins.python.mcap_reader import RecordedReading, Recording
@@ -31,6 +34,7 @@ from wil_campaign.vehicles.cameras.rendered_cameras import (
 )
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
 from wil_campaign.vehicles.readings import CameraReading, Reading, Source
+from wil_campaign.vehicles.sensors.drawn_again import DrawnAgain
 from wil_campaign.vehicles.sensors.lens import ThroughLens
 from wil_campaign.vehicles.sensors.world_views import WorldImages
 from wil_campaign.worlds.camera import Intrinsics
@@ -170,6 +174,100 @@ def test_an_image_that_would_be_another_is_refused_with_the_reason(
     refusals: list[NotDrawnAgainError] = []
     assert not images(Recording(tmp_path / "run.mcap", not_drawn=refusals.append))
     assert len(refusals) == 10
+
+
+CRATE = """{
+  "schema": "wil/world/1",
+  "origin": {"latitude_deg": 47.4, "longitude_deg": 8.5, "altitude_m": 488.0},
+  "objects": {"crate": {"shape": {"mesh": {"file": "crate.obj"}}, "pose": {"north_m": 3}}}
+}"""
+
+
+def of_a_crate(folder: Path, name: str, half_m: float) -> Recording:
+    """Return a recording of a flight before a mesh of a size, which is in one file for all."""
+    at = (-half_m, half_m)
+    corners = "".join(f"v {x} {y} {z}\n" for x in at for y in at for z in at)
+    sides = "f 1 2 4 3\nf 5 7 8 6\nf 1 5 6 2\nf 3 4 8 7\nf 1 3 7 5\nf 2 6 8 4\n"
+    (folder / "crate.obj").write_text(corners + sides)
+    facts = {**FACTS, "world": CRATE, "world_file": str(folder / "world.yaml")}
+    world = world_in(facts)
+    assert world is not None
+    scene = world.scene("wil", "Wv")
+    camera = OnDemandCamera(
+        source=ThroughLens(WorldImages(scene=scene, events={})), intrinsics=BARREL
+    )
+    flown = run_virtual(camera.ask(Pose.of(0.0, 0.0, 0.0), 0.1))
+    return recorded(folder / name, [flown], {**facts, "shapes_twin": scene_digest(scene)})
+
+
+def test_a_mesh_that_changes_between_runs_is_read_anew_in_one_process(tmp_path: Path) -> None:
+    """A console and a program of a user read many runs, and fly others meanwhile."""
+    assert len(images(of_a_crate(tmp_path, "1.mcap", 0.5))) == 1
+    second = of_a_crate(tmp_path, "2.mcap", 0.7)
+    assert len(images(second)) == 1
+    third = of_a_crate(tmp_path, "3.mcap", 0.4)
+    drawers.cache_clear()
+    with pytest.raises(NotDrawnAgainError, match="meshes or textures of the world have changed"):
+        images(second)
+    assert len(images(third)) == 1
+    of_a_crate(tmp_path, "4.mcap", 0.7)
+    assert len(images(second)) == 1
+
+
+def test_a_world_whose_description_has_an_emoji_is_drawn_again(tmp_path: Path) -> None:
+    described = json.dumps({**json.loads(WORLD), "description": "Gate \U0001f681, C:\\ud83d"})
+    facts = {**FACTS, "world": described}
+    world = world_in(facts)
+    assert world is not None
+    assert world.description == "Gate \U0001f681, C:\\ud83d"
+    assert len(images(recorded(tmp_path / "run.mcap", drawn(), facts))) == 10
+
+
+def test_the_noise_of_many_runs_is_not_kept() -> None:
+    reading = drawn()[0]
+    assert reading.drawing is not None
+    assert reading.drawing.effects is not None
+    world = world_in(FACTS)
+    assert world is not None
+    again = DrawnAgain(world.scene("wil", "Wv"))
+    tracemalloc.start()
+    for seed in range(60):
+        effects = replace(reading.drawing.effects, seed=(seed,))
+        drawing = replace(reading.drawing, effects=effects)
+        again.image(drawing, reading.intrinsics, want_depth=False, want_ids=False)
+    kept_bytes, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert kept_bytes < 12 * (120 + 128) * (160 + 128) * 3 * 2
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "what"),
+    [
+        (("intrinsics", "fx_px"), 0.0, "focal lengths of 0.0"),
+        (("intrinsics", "fy_px"), None, "focal lengths of"),
+        (("intrinsics", "width_px"), 60_000_000, "an image of 60000000 x 120 pixels"),
+        (("intrinsics", "height_px"), -5, "an image of 160 x -5 pixels"),
+        (("intrinsics", "cx_px"), 1e300, "its axis at"),
+        (("drawing", "camera_pose", "q_wxyz"), [None, 0, 0, 0], "a quaternion of"),
+        (("drawing", "camera_pose", "position_ned_m"), [None, 0, 0], "a position of"),
+        (("drawing", "effects", "noise_roll_px"), [500, 0], "noise that is moved by"),
+    ],
+)
+def test_a_drawing_that_no_flight_made_is_refused_before_it_crashes_the_renderer(
+    place: tuple[str, ...], value: object, what: str
+) -> None:
+    flown = drawn()[3]
+    assert flown.drawing is not None
+    document = json.loads(json.dumps(drawing_body(flown, flown.drawing)[1]))
+    document["wil"] |= {"source": "twin", "t_s": 0.3}
+    assert RecordedImages(FACTS).image(document).shape == (120, 160, 3)
+    *path, last = place
+    part = document["wil"]
+    for name in path:
+        part = part[name]
+    part[last] = value
+    with pytest.raises(ValueError, match=what):
+        RecordedImages(FACTS).image(document)
 
 
 def test_other_readings_of_a_recording_do_not_need_its_world(tmp_path: Path) -> None:

@@ -304,6 +304,13 @@ def test_one_of_several_topics_is_named(tmp_path: Path) -> None:
     refused(McapFile(path=path, topic="/front"), r"'/front'.*/left, /right")
 
 
+def test_the_mixtures_of_a_run_are_no_camera_unless_they_are_named(tmp_path: Path) -> None:
+    """A recording has no others by default, and a mixed gate would pass for a real one."""
+    path = mcap(tmp_path / "run.mcap", "json", ["/mixed/camera"], [JPEG])
+    refused(McapFile(path=path), r"by name \(it has: /mixed/camera\); .*pictures: jpeg")
+    assert len(played(McapFile(path=path, topic="/mixed/camera"))) == 1
+
+
 @pytest.mark.parametrize("name", ["a.mcap", "a.mp4", "a/1.png"])
 def test_a_pointer_of_git_lfs_is_named(name: str, tmp_path: Path) -> None:
     path = tmp_path / name

@@ -3,11 +3,15 @@
 import asyncio
 import json
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from tests.orchestrator.mcap_runs import recorder
 from tests.orchestrator.report.recorded_campaign import END_S, GOAL_S, write_campaign
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.live_feed.feed_messages import (
@@ -18,10 +22,14 @@ from wil_campaign.orchestrator.live_feed.feed_messages import (
     RunView,
 )
 from wil_campaign.orchestrator.recording.errors import RecordingError
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import EXACT, RecordingSettings
 from wil_campaign.plugins.console.console_access import AccessError
 from wil_campaign.plugins.console.playback import Playback
 from wil_campaign.plugins.console.recorded_run import RecordedRun
 from wil_campaign.plugins.console.scene_document import RunScene
+from wil_campaign.vehicles.readings import CameraReading, Drawing
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 
 async def played(folder: Path) -> list[FeedMessage]:
@@ -69,6 +77,27 @@ async def test_a_finished_run_is_played_as_it_was_flown(tmp_path: Path) -> None:
     (gate,) = RunScene.of("/r", facts).document["objects"]
     assert (gate["name"], gate["is_virtual"], gate["moves"]) == ("gate", True, False)
     assert max(max(face) for face in gate["faces"]) < len(gate["vertices_m"])
+
+
+async def test_an_image_that_cannot_be_drawn_again_is_named_also_where_others_can(
+    tmp_path: Path,
+) -> None:
+    """A mesh that was changed since may come into view late."""
+    folder = write_campaign(tmp_path / "gate") / "large" / "wil" / "1"
+    grey, camera = np.zeros((8, 8, 3), np.uint8), Intrinsics.from_fov(8, 8, 1.0)
+    at = partial(CameraReading, source="real", image_bgr=grey, intrinsics=camera)
+    settings = RecordingSettings(real=replace(EXACT, keeps_drawn=False))
+    (folder / "run.mcap").unlink()
+    with recorder(folder / "run.mcap", settings=settings, facts={}) as run:
+        run.reading("camera", at(t_s=GOAL_S, arrived_s=GOAL_S, seq=0))
+        late_s = GOAL_S + 1.0
+        drawing = Drawing(Pose((0.0, 0.0, 0.0)))
+        run.reading("camera", at(t_s=late_s, arrived_s=late_s, seq=1, drawing=drawing))
+    found = await played(folder)
+    named = [one.text for one in found if isinstance(one, EventView) and one.kind == "recording"]
+    assert [text.partition(" is not ")[0] for text in named] == [
+        f"the image of real/camera at {late_s:.3f} s"
+    ]
 
 
 async def test_a_paused_run_jumps_to_another_time_at_once_with_its_trails(tmp_path: Path) -> None:

@@ -1,16 +1,19 @@
 """The pictures of a run that people share: written whole, of the right run, at the right times."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from tests.orchestrator.mcap_runs import recorder
 from tests.orchestrator.report.recorded_campaign import GOAL_S, TOUCHED_S, write_campaign
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
+from wil_campaign.orchestrator.recording.mcap.mcap_settings import EXACT, RecordingSettings
 from wil_campaign.orchestrator.report.reading.run_reader import read_run
 from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
 from wil_campaign.plugins.run_images.card import SIZE_PX, draw_card
@@ -22,6 +25,9 @@ from wil_campaign.plugins.run_images.recorded_images import (
     read_images,
 )
 from wil_campaign.vehicles.perception.depth_colors import depth_scale
+from wil_campaign.vehicles.readings import CameraReading, Drawing
+from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
 
 
 @pytest.fixture
@@ -106,6 +112,30 @@ def test_an_unknown_run_and_one_without_a_folder_are_named(folder: Path) -> None
     shutil.rmtree(folder / "large/wil/1")
     with pytest.raises(ResultsFolderError, match="large/wil/1: the run was not flown"):
         write_card(folder, "large/wil/1")
+
+
+def test_a_card_whose_images_cannot_be_drawn_again_costs_no_report(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A mesh of the world was moved: the report was not written either."""
+    place = folder / "large/sim/1/run.mcap"
+    place.unlink()
+    settings = RecordingSettings(twin=replace(EXACT, keeps_drawn=False))
+    with recorder(place, settings=settings, facts={}) as run:
+        for seq in range(1, 200):
+            reading = CameraReading(
+                t_s=0.05 * seq,
+                arrived_s=0.05 * seq,
+                seq=seq,
+                source="twin",
+                image_bgr=np.zeros((8, 8, 3), np.uint8),
+                intrinsics=Intrinsics.from_fov(8, 8, 1.0),
+                drawing=Drawing(Pose((0.0, 0.0, 0.0))),
+            )
+            run.reading("camera", reading)
+    assert main(["report", str(folder), "--card", "--run", "large/sim/1"]) == 3
+    assert (folder / "report.html").is_file()
+    assert "no --card: large/sim/1: the image of twin/camera at " in capsys.readouterr().err
 
 
 def test_the_command_writes_both_and_names_them(

@@ -92,6 +92,23 @@ def test_one_sender_whose_frames_overtake_many_others_is_one(
     assert len(others) <= 0.05 * len(sent)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_short_outages_of_a_fast_sender_make_no_second_one(seed: int) -> None:
+    """After one the mean period is long for a while, in which all its numbers come again."""
+    rng = random.Random(seed)  # noqa: S311 - repeatable
+    sent: list[Sent] = []
+    out_until_s = 0.0
+    for t_s, who, frame in frames("a", 12_000, first=7, period_s=0.001):
+        if rng.random() < 0.0005:
+            out_until_s = t_s + 0.09
+        if t_s >= out_until_s:
+            sent.append((t_s + rng.uniform(0.0, 0.012), who, frame))
+    sequence, own, others = split(sent)
+    assert not sequence.are_two
+    assert len(others) <= 0.002 * len(sent)
+    assert len(own) + len(others) >= len(sent) - 12
+
+
 @pytest.mark.parametrize("gap", [9, 40, 128, 200, 255, 256])
 @pytest.mark.parametrize("outage_s", [0.05, 0.3, 5.0])
 def test_outage_holds_up_nothing_for_long(gap: int, outage_s: float) -> None:

@@ -27,6 +27,7 @@ _KERNELS = (
     "vehicles/perception",
     "vehicles/embedded/control",
     "vehicles/embedded/physics",
+    "plugins/ardupilot/copter",
 )
 """The packages with kernels that a flight uses."""
 
