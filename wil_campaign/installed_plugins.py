@@ -171,8 +171,13 @@ def loaded(hook: Callable[[], Sequence[Addition]], field: str) -> Mapping[str, A
 
 
 def _require_name(part: Any, name: str) -> None:
-    """Raise ValueError for a part, or one of several, with another name than its hook says."""
+    """Raise ValueError for a part, or one of several, with another name than its hook says.
+
+    Raises TypeError for an abstract class.
+    """
     for each in part if isinstance(part, tuple) else (part,):
+        if lacks := getattr(each, "__abstractmethods__", ()):
+            raise TypeError(f"it lacks {', '.join(sorted(lacks))}")
         if each.name != name:
             raise ValueError(f"it is named '{each.name}', not '{name}'")
 

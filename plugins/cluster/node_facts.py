@@ -4,6 +4,7 @@ import os
 import platform
 from collections.abc import Mapping
 
+from wil_campaign.installed_plugins import of_others
 from wil_campaign.orchestrator.campaign.folder.manifest import flown_versions
 from wil_campaign.orchestrator.installation import code_digest, program_commit, program_version
 
@@ -13,7 +14,8 @@ _TRUE = frozenset({"1", "true"})
 
 
 def node_facts() -> dict[str, str]:
-    """Return the facts of this machine: name, versions, digest of the installed code."""
+    """Return the facts of this machine: name, versions, plugins of others, digest of the code."""
+    others = ", ".join(f"{name} ({origin})" for name, origin in of_others().items())
     return {
         "node": platform.node(),
         "subreaper": os.environ.get(_SUBREAPER, ""),
@@ -21,6 +23,7 @@ def node_facts() -> dict[str, str]:
         "commit": program_commit(),
         "python": platform.python_version(),
         **flown_versions(),
+        "plugins": others or "none",
         "wil-campaign": program_version(),
     }
 

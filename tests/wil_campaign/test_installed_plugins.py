@@ -729,6 +729,19 @@ def test_a_plugin_that_cannot_be_used_is_named(
     assert shown.splitlines()[1:] in ([], ["1 problem in 1 file"])
 
 
+def test_an_unfinished_class_of_a_plugin_is_named(
+    install: Install, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It was an internal error, whatever the campaign flew."""
+    base = "from wil_campaign.vehicles.autopilots.autopilot import Autopilot"
+    source = THIRD.replace('emulation=""', 'emulation="wil_sonar:Third"')
+    install(f"{base}\n{source}\nclass Third(Autopilot):\n    name = 'third'\n")
+    assert main(["validate", str(ROOT / "campaigns" / "gate.yaml")]) == 2
+    said = "plugin sonar (wil-sonar 1.2): autopilots(): wil_sonar:Third cannot be used: TypeError: "
+    said += "it lacks _heading_mask, fence_parameters, ground_truth, "
+    assert capsys.readouterr().err.startswith(said)
+
+
 def test_the_plugin_of_the_page_flies(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

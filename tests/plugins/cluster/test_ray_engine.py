@@ -6,6 +6,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import psutil
@@ -24,6 +25,7 @@ from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.cli.progress_display import SilentDisplay
 from wil_campaign.orchestrator.operator.run_messages import Progress
 from wil_campaign.plugins.cluster import node_agent, ray_agents, ray_engine
+from wil_campaign.plugins.cluster import node_facts as facts
 from wil_campaign.plugins.cluster.node_facts import node_facts, unfit_text
 from wil_campaign.plugins.cluster.node_messages import NodeFacts, encode_to_campaign
 from wil_campaign.plugins.cluster.ray_agents import HIRED_S, hire_agents
@@ -320,3 +322,14 @@ def test_an_attached_vehicle_is_not_flown_over_a_cluster(
     path.write_text(path.read_text().replace("link: embedded", "link: udpin://127.0.0.1:14999"))
     assert main(["run", str(path), "--engine", "ray", "--out", str(tmp_path)]) == 2
     assert "consent to arm" in capsys.readouterr().err
+
+
+def test_a_node_with_other_plugins_of_others_does_not_fly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An oracle of another version judges otherwise, and no file of the campaign differs."""
+    monkeypatch.setattr(facts, "of_others", lambda: {"lab": "wil-lab 1.2"})
+    here = node_facts()
+    for there, said in ({"lab": "wil-lab 1.1"}, "lab (wil-lab 1.1)"), ({}, "none"):
+        monkeypatch.setattr(facts, "of_others", partial(dict, there))
+        found = unfit_text(here, node_facts())
+        assert f"plugins is {said}, here it is lab (wil-lab 1.2)" in found
+    assert unfit_text(node_facts(), node_facts()) == ""
