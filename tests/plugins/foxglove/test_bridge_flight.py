@@ -68,7 +68,7 @@ def test_live_messages_equal_run_mcap_and_no_client_changes_the_flight(
     fly_run: Fly, short_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
-    sets = (*BRIEF, *POSES, *CAPTURED)
+    sets = (*BRIEF, *POSES, *CAPTURED, "record={pictures: jpeg}")
     said: list[str] = []
     are_subscribed: list[bool] = []
 

@@ -84,7 +84,7 @@ def _become(**fields: Any) -> Callable[[Any], None]:
     [
         ({}, "px4", "system 1 component 1 is ardupilot, and px4 was requested"),
         ({"vehicle_type": 6, "autopilot": 8}, "auto", "this is a ground station's port"),
-        ({"autopilot": 4}, "auto", "neither PX4 nor ArduPilot"),
+        ({"autopilot": 4}, "auto", "which is not PX4 or ArduCopter"),
         ({"vehicle_type": 1}, "auto", "only multicopters are supported"),
         ({"muted": True}, "auto", "nothing arrived"),
     ],

@@ -3,12 +3,10 @@
 import math
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from wil_campaign.vehicles.embedded.physics.config import (
-    EmbeddedConfig,
-    Physics,
-)
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig, Physics
 from wil_campaign.vehicles.embedded.profile import load_profile
 from wil_campaign.worlds.frames import Pose
 
@@ -75,6 +73,12 @@ class ProcessSettings(_Part):
     never_ready: bool = False
     refuse_arm: str | None = None
     faults: tuple[str, ...] = ()
+
+    @field_validator("autopilot")
+    @classmethod
+    def _is_registered(cls, name: str) -> str:
+        autopilot_named(name)
+        return name
 
     def config(self) -> EmbeddedConfig:
         """Return the vehicle's config. Raises ProfileError, BadInput."""
