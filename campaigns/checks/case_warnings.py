@@ -58,7 +58,6 @@ def case_warnings(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iter
         yield from _without_objects(files.campaign, case, scene)
         yield from _empty_worlds(files.campaign, case, mode, scene)
         yield from _momentary_windows(files.campaign, case, mode)
-        yield from narrow_gates(files.campaign, case, mode, scene)
         yield from room_warnings(files.campaign, case, scene)
         yield from _late_motions(files, case, scene)
     yield from _raised_starts(files.campaign, case, modes)
@@ -149,6 +148,9 @@ def caveats_of(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iterato
     if "wil" in modes:
         yield from wide_registration_limits(files, case)
     yield from estimated_actors(files.campaign, case, modes)
+    for mode in modes:
+        scene = case.world.scene(mode, judged_world(mode))
+        yield from narrow_gates(files.campaign, case, mode, scene)
     for name in dict.fromkeys(FLIES[mode][0] for mode in modes):
         yield from _long_gaps(files.campaign, case, name)
 

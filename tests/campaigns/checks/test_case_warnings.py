@@ -325,6 +325,7 @@ def test_a_gate_narrower_than_the_vehicle_is_warned_of(files: Any, shape: str, f
         "through level"
         for name in ("twin", "real")
     ]
+    assert len(files.load().caveats) == 2, "a run says so too"
     files.change("narrow: {", "narrow: {vehicles.real.body: SMALL, vehicles.twin.body: SMALL, ")
     text = files.path.read_text()
     files.path.write_text(text.replace("SMALL", "{width_m: 0.15, height_m: 0.1}"))
