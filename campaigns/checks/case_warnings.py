@@ -7,6 +7,7 @@ from wil_campaign.campaigns.checks.actor_warnings import estimated_actors, simul
 from wil_campaign.campaigns.checks.limit_warnings import (
     exceeds_room,
     limit_warnings,
+    narrow_gates,
     room_warnings,
     rooms,
 )
@@ -57,6 +58,7 @@ def case_warnings(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iter
         yield from _without_objects(files.campaign, case, scene)
         yield from _empty_worlds(files.campaign, case, mode, scene)
         yield from _momentary_windows(files.campaign, case, mode)
+        yield from narrow_gates(files.campaign, case, mode, scene)
         yield from room_warnings(files.campaign, case, scene)
         yield from _late_motions(files, case, scene)
     yield from _raised_starts(files.campaign, case, modes)

@@ -3,7 +3,8 @@
 Checks of actors, vehicles that fly as objects of the world: fences, places, separation; pure.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sized
+from collections.abc import Callable, Collection, Iterable, Iterator, Sized
+from pathlib import PurePath
 from typing import Self
 
 from wil_campaign.campaigns.checks.external_checks import external_problems
@@ -179,8 +180,7 @@ def _gates(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
         if gate not in case.world.objects:
             yield _no_object(files.campaign, path, gate, case.world)
         elif gate not in scene:
-            message = f"'{gate}' is not in {which} in mode {mode} (see its exists_in)"
-            yield files.campaign.problem(path, message)
+            yield files.campaign.problem(path, _absence(files, mode, gate))
         elif not scene[gate].shape.openings:
             message = f"'{gate}' is a {scene[gate].shape.kind}, which has no opening to fly through"
             open_ones = [thing.name for thing in scene.objects if thing.shape.openings]
@@ -206,9 +206,47 @@ def _oracles(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
         try:
             built.append((use, build_oracles([use], contexts)))
         except OracleError as error:
+            of_world = _contexts(case, mode, case.world.objects, (*openings, *case.goal.gates))
+            absent = _absent_objects(use, case, scene.names, of_world)
+            if absent:
+                reasons = "; ".join(_absence(files, mode, name) for name in absent)
+                message = f"oracle {use.name!r}: {reasons}"
+                error = OracleError(message, key=error.key, offset=error.offset)
             yield _oracle_problem(files.campaign, use.name, error)
     if len(built) == len(_oracles_in_file(files.campaign)):
         yield from _unjudged_goals(files.campaign, case, mode, built)
+
+
+def _absent_objects(
+    use: OracleUse,
+    case: Case,
+    there: Collection[str],
+    of_world: dict[str, OracleContext],
+) -> list[str]:
+    """Return the objects without which an oracle cannot be built: in the file, not in the scene.
+
+    of_world: contexts in which every object of the file is there; empty where it fails in these.
+    """
+    try:
+        build_oracles([use], of_world)
+    except OracleError:
+        return []
+    named = oracle_kinds()[use.kind].objects(use.parameters, case.world.objects)
+    return [name for name in named if name not in there]
+
+
+def _absence(files: CaseFiles, mode: Mode, name: str) -> str:
+    """Return that an object of the world file is not in the judged world, and which line says so.
+
+    The line is the case's where the case takes the object away.
+    """
+    message = f"'{name}' is not in {judged_world(mode)} in mode {mode}"
+    at: Path = ("objects", name, "exists_in")
+    if files.world is None or files.world.get(at) is None:
+        return f"{message} (see its exists_in)"
+    place = files.world.entry(at).node.place
+    where = f"{PurePath(place.source.name).name}:{place.line}"
+    return f"{message} (see its exists_in, {where if place.source.lines else place.source.name})"
 
 
 def _formulas(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:

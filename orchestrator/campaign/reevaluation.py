@@ -17,6 +17,7 @@ from wil_campaign.orchestrator.campaign.folder.repetitions import runs_due
 from wil_campaign.orchestrator.campaign.resuming.attached_vehicles import with_open_poses
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME
+from wil_campaign.orchestrator.recording.trajectory import recorded_note
 from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
 from wil_campaign.orchestrator.run.judging.run_outcome import reason_of
 from wil_campaign.orchestrator.run_results.campaign_results import Summary, summarize
@@ -33,7 +34,7 @@ from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
 from wil_campaign.safety.evaluation.judge import unjudged
 from wil_campaign.safety.evaluation.judge_log import JudgeLogError, judge_from_log, read_judge_log
 from wil_campaign.safety.evidence.evidence import SOURCE
-from wil_campaign.safety.model.verdict import DecisiveEvent, decide, source_of
+from wil_campaign.safety.model.verdict import Decision, DecisiveEvent, decide, source_of
 from wil_campaign.worlds.scene.track import RunHistory
 
 
@@ -199,7 +200,8 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
         timeouts=judge.timeouts,
         worst=judge.worst_texts,
     )
-    reason = reason_of(decision, decision.note or before.note)
+    note = decision.note or _note_at(folder, decision, before)
+    reason = reason_of(decision, note)
     campaign = setup.case
     now = replace(
         before,
@@ -211,6 +213,7 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
         oracles=oracles,
         evidence=judge.evidence,
         decided_by=decision.source,
+        note=note,
         trace=decision.trace,
         control=control_result(
             plan.control,
@@ -221,6 +224,14 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
         ),
     )
     return Reevaluation(before, now)
+
+
+def _note_at(folder: Path, decision: Decision, before: RunResult) -> str:
+    """Return the autonomy's note at the time of a decision, as the flight or its path has it."""
+    made = (decision.verdict, decision.source, decision.reason)
+    if made == (before.verdict, before.decided_by, before.bare_reason):
+        return before.note
+    return recorded_note(folder / "trajectory.csv", before.subject, decision.at_s)
 
 
 def _foreign_events(log: Path, before: RunResult) -> list[DecisiveEvent]:

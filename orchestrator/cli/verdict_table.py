@@ -237,7 +237,8 @@ def next_steps(summary: Summary, *, file: Path, folder: Path, has_report: bool) 
     if logs:
         log = shlex.quote(str(folder / logs[0]))
         steps.append(f"next: {log} has all that the autonomy printed")
-    if any(run.verdict == "FAIL" and run not in broken for run in summary.runs):
+    flown = [run for run in summary.runs if run.duration_s is not None and run not in broken]
+    if any(run.verdict == "FAIL" for run in flown):
         line = shlex.join(("wil-campaign", "judge", str(file), str(folder)))
         steps.append(f"next: {line} tries other limits without flying")
     if has_report:

@@ -24,20 +24,17 @@ if TYPE_CHECKING:  # readers of a recording do not load the code that flies
 
 
 def facts_of(setup: "RunSetup") -> dict[str, str]:
-    """Return a run's facts for its recording: its name, files as flown, ids of the twin's objects.
+    """Return a run's facts for its recording: its name, files as flown, ids of its objects.
 
     Files are recorded with the overrides of the case and of the command line.
     """
     plan = setup.order.plan
-    objects = {
-        scene_object.name: scene_object.object_id for scene_object in setup.virtual_scene.objects
-    }
     facts = {
         "case": plan.case,
         "mode": plan.mode,
         "rep": str(plan.repetition),
         "seed": str(plan.seed),
-        "objects": json.dumps(objects),
+        "objects": json.dumps(setup.case.world.object_ids),
         "campaign": json.dumps(plan.files.campaign.data, default=str),
         "fences": json.dumps(
             {vehicle: plain_fence(fence) for vehicle, fence in setup.case.fences.items()}

@@ -1,5 +1,7 @@
 """The trajectory file trajectory.csv: true poses, estimates and setpoints of all vehicles."""
 
+import csv
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -82,6 +84,20 @@ class TrajectoryWriter:
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
+
+
+def recorded_note(path: Path, vehicle: str, t_s: float) -> str:
+    """Return a vehicle's newest note until a time by a trajectory; "" without one.
+
+    A row that is cut or damaged has none, nor has a file that cannot be read.
+    """
+    note = ""
+    with suppress(OSError, csv.Error), path.open(encoding="utf-8", errors="replace") as stream:
+        for row in csv.reader(stream):
+            with suppress(ValueError):
+                if len(row) == len(COLUMNS) and row[1] == vehicle and float(row[0]) <= t_s:
+                    note = row[-1]
+    return note
 
 
 def _text(text: str) -> str:

@@ -221,16 +221,16 @@ class RunResult:
     oldest first. evidence: the quality of the judged signals, on which the verdict rests.
     decided_by: the source of the verdict, as "reached/real"; empty for PASS. control: a control
     against its expectation; None for other runs. not_judged: default oracles that the campaign
-    switched off. note: the last note of the judged vehicle's autonomy before the verdict. trace:
-    the traceback of an autonomy that crashed. exceptions: internal ones, each in a line: the run is
-    no PASS then, and the exit code never 0. twin: of the twin beside the real vehicle; None outside
-    of mode wil. actors: the vehicles that flew as objects of the world. losses: messages missing in
-    run.mcap, by topic. before_arming: the steps before arming, in order. unmoved: objects of the
-    judged world with a motion that stood still until the autonomy was done. no_retry: why the run
-    is not flown again although it is ERROR, INVALID or ABORTED; empty where it may be. slow:
-    autonomies slower than real time. code: the user's own Python files that the run imported,
-    relative to the campaign file, with SHA-256. firmware: of the vehicles that identified
-    themselves; empty in results of earlier versions.
+    switched off. note: the last note of the judged vehicle's autonomy at the time of the event that
+    decided, or else at the end. trace: the traceback of an autonomy that crashed. exceptions:
+    internal ones, each in a line: the run is no PASS then, and the exit code never 0. twin: of the
+    twin beside the real vehicle; None outside of mode wil. actors: the vehicles that flew as
+    objects of the world. losses: messages missing in run.mcap, by topic. before_arming: the steps
+    before arming, in order. unmoved: objects of the judged world with a motion that stood still
+    until the autonomy was done. no_retry: why the run is not flown again although it is ERROR,
+    INVALID or ABORTED; empty where it may be. slow: autonomies slower than real time. code: the
+    user's own Python files that the run imported, relative to the campaign file, with SHA-256.
+    firmware: of the vehicles that identified themselves; empty in results of earlier versions.
     """
 
     case: str

@@ -49,8 +49,9 @@ class RunState:
         self.entered_s: dict[Stage, float] = {"start": time()}
         self.decisive: list[DecisiveEvent] = []
         self.over = asyncio.Event()
-        self.last_note: Callable[[], str] = str
-        """Returns the last note of the judged vehicle's autonomy; set once there are vehicles."""
+        self.note_at: Callable[[float], str] = lambda _: ""
+        """Returns the note of the judged vehicle's autonomy at a time; set once there are
+        vehicles."""
         self.autonomy_folders: set[Path] = set()
         """Folders of the code under test: what it raises beside its calls is its failure."""
         self.environment: dict[str, str] = {}
@@ -137,7 +138,7 @@ class RunState:
         trace: the traceback of an exception, for the log and the result.
         """
         at_s = self.time() if t_s is None else t_s
-        event = DecisiveEvent(at_s, kind, reason, source, self.last_note(), trace)
+        event = DecisiveEvent(at_s, kind, reason, source, self.note_at(at_s), trace)
         self.decisive.append(event)
         if ends_flight and self._is_held:
             self._is_end_due = True

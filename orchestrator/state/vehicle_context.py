@@ -1,5 +1,6 @@
 """The context of one vehicle of a run: driver, poses, truth, setpoints, listeners."""
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeVar
@@ -24,6 +25,8 @@ T = TypeVar("T")
 _LISTENER = Contained("a listener to a vehicle's pose")
 HISTORY_S = 2.0
 """How long poses are kept: longer than the latency of any camera."""
+_MOST_NOTES = 20_000
+"""How many notes of an autonomy are kept: more than 15 minutes of one that changes at 20 Hz."""
 _REFER_EVERY_S = 0.098
 """Ten references a second, of any source whose period divides 0.1 s, despite rounding."""
 _ZERO: Vec3 = (0.0, 0.0, 0.0)
@@ -40,7 +43,7 @@ class VehicleContext:
 
     poses: by the campaign's pose source, world frame; used by oracles and rendering. truth: ground
     truth of the embedded simulation, or of the vehicle's simulator over MAVLink; empty without
-    either. setpoint, note: the newest of its autonomy; foreign_setpoints: kind of the newest one of
+    either. setpoint: the newest of its autonomy; foreign_setpoints: kind of the newest one of
     an external program. liftoff: by the vehicle's own clock, mapped. may_drop_out: from the takeoff
     on the run continues without it. permits_dead_reckoning: as its campaign says.
     """
@@ -53,7 +56,6 @@ class VehicleContext:
     truth: PoseHistory = field(default_factory=lambda: PoseHistory(HISTORY_S))
     setpoint: Setpoint | None = None
     foreign_setpoints: Setpoints | None = None
-    note: str = ""
     liftoff: LiftoffDetector = field(default_factory=LiftoffDetector)
     contact: str | None = None
     may_drop_out: bool = False
@@ -67,6 +69,21 @@ class VehicleContext:
     _contact_listeners: list[ContactListener] = field(default_factory=list)
     _mocap_listeners: list[MocapListener] = field(default_factory=list)
     _refer_due_s: dict[str, float] = field(default_factory=dict)
+    _notes: deque[tuple[float, str]] = field(default_factory=lambda: deque(maxlen=_MOST_NOTES))
+
+    @property
+    def note(self) -> str:
+        """Return the newest note of the vehicle's autonomy; empty without one."""
+        return self._notes[-1][1] if self._notes else ""
+
+    def note_at(self, t_s: float) -> str:
+        """Return the newest note that the autonomy gave until a time; empty without one."""
+        return next((text for noted_s, text in reversed(self._notes) if noted_s <= t_s), "")
+
+    def take_note(self, t_s: float, text: str) -> None:
+        """Take what the vehicle's autonomy notes with a command."""
+        if text != self.note:
+            self._notes.append((t_s, text))
 
     @property
     def steered_by(self) -> Setpoints | None:

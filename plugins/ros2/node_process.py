@@ -4,10 +4,11 @@ import os
 import time
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 
 from wil_campaign.foundation.processes.child import ChildProcess, how_it_ended
-from wil_campaign.foundation.processes.last_output import last_output
+from wil_campaign.foundation.processes.last_output import last_output, with_interpreter
 from wil_campaign.foundation.processes.supervisor import supervised
 from wil_campaign.plugins.ros2.wire import WireError
 
@@ -19,11 +20,14 @@ _LOOK_S = 0.001
 class NodeProcess:
     """A node's process, and the end of what it printed. Its state may be asked in any thread.
 
-    name: the command that started it.
+    name: the command that started it. explain: adds to what it printed what that does not say.
     """
 
-    def __init__(self, child: ChildProcess, log: Path, name: str) -> None:
+    def __init__(
+        self, child: ChildProcess, log: Path, name: str, explain: Callable[[str], str] = str
+    ) -> None:
         self.name = name
+        self._explain = explain
         self._child = child
         self._log = log
         self.ended_by_us = False
@@ -55,7 +59,7 @@ class NodeProcess:
 
     def last_lines(self) -> str:
         """Return what the node printed last, in one line; "" for nothing."""
-        return last_output(self._log)
+        return self._explain(last_output(self._log))
 
 
 @asynccontextmanager
@@ -85,7 +89,8 @@ async def started_node(
             inherited=inherited,
             grace_s=_GRACE_S,
         )
-        node = NodeProcess(child, log, " ".join(argv[:3]))
+        explain = partial(with_interpreter, argv=argv, environment=environment, folder=folder)
+        node = NodeProcess(child, log, " ".join(argv[:3]), explain)
 
         def ended(_: ChildProcess) -> None:
             if not node.ended_by_us:

@@ -337,14 +337,14 @@ class Judge:
         whether it would have is unknown.
         """
         result = oracle.result(t_s)
-        name, vehicle = oracle.name, oracle.vehicle
+        name, vehicle, since = oracle.name, oracle.vehicle, oracle.stages.since(t_s)
         is_settled = any(
             flag.decisive and (flag.oracle, flag.vehicle) == (name, vehicle) for flag in self._flags
         )
         if result.verdict == "FAIL" and not is_settled:
-            reason = f"{vehicle} dropped out at {t_s:.2f} s, before this was decided"
+            reason = f"{vehicle} dropped out{since}, before this was decided"
             return oracle.invalid(reason, at_s=t_s)
-        until = f"judged until {vehicle} dropped out at {t_s:.2f} s"
+        until = f"judged until {vehicle} dropped out{since}"
         return replace(result, detail=f"{result.detail}; {until}" if result.detail else until)
 
     def _connect(self, oracles: Sequence[Oracle]) -> None:

@@ -110,7 +110,7 @@ class Agreement:
         limit_m, t_s = self._place_limit_m(reference), reference.t_s
         if _on_an_axis(apart_m) > limit_m:
             message = f"it is {norm(apart_m):.2f} m from the position by {self._source}"
-            message += f" at {t_s:.2f} s; the limit is {limit_m:.2f} m on each axis"
+            message += f"; the limit is {limit_m:.2f} m on each axis"
             yield Disagreement(t_s, message)
         now = self._remember(reference, judged_m)
         for span_s in SPANS_S:
@@ -159,7 +159,7 @@ class Agreement:
         limit_m = SIGMAS * exact_m + _STAMPS_S * changed_m_s
         apart_m, other_m = min((_on_an_axis(subtract(moved_m, one)), one) for one in others_m)
         if apart_m > limit_m:
-            message = f"it moved {norm(moved_m):.2f} m within {span_s:.2f} s to {t_s:.2f} s"
+            message = f"it moved {norm(moved_m):.2f} m within {span_s:.2f} s"
             message += f", by {self._source} the vehicle moved {norm(other_m):.2f} m"
             yield Disagreement(t_s, f"{message}; the limit is {limit_m:.2f} m on each axis")
 
@@ -225,7 +225,7 @@ class OwnVelocity:
         own_m = subtract(integral_m, from_m)
         if _on_an_axis(subtract(moved_m, own_m)) <= MOST_APART_M:
             return None
-        message = f"it moved {norm(moved_m):.2f} m within {t_s - first.t_s:.2f} s to {t_s:.2f} s"
+        message = f"it moved {norm(moved_m):.2f} m within {t_s - first.t_s:.2f} s"
         message += f", by its own velocity {norm(own_m):.2f} m"
         return Disagreement(t_s, f"{message}; the limit is {MOST_APART_M:.2f} m on each axis")
 
@@ -278,8 +278,8 @@ class StandingStill:
         away_s = self._away_s.setdefault(sample.source, sample.t_s)
         if min(sample.t_s, self._until_s) - away_s < max(SPANS_S):
             return None
-        message = f"it repeats one place from {place.t_s:.2f} s on, while {sample.source} moved"
-        return Disagreement(sample.t_s, f"{message} {moved_m:.2f} m to {sample.t_s:.2f} s")
+        message = f"it repeats one place for {sample.t_s - place.t_s:.2f} s, while {sample.source}"
+        return Disagreement(sample.t_s, f"{message} moved {moved_m:.2f} m")
 
     def _forget(self) -> None:
         self._then.clear()

@@ -1,20 +1,16 @@
 """The samples of one signal over its window: first, last, how many, and the largest gap; pure."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from wil_campaign.safety.evidence.terms import SignalTerms
 from wil_campaign.safety.model.oracle_results import EvidenceResult
-from wil_campaign.safety.model.samples import Stage, StageSample
+from wil_campaign.safety.model.samples import StageSample
 from wil_campaign.safety.oracles.oracle_terms import Stages
 
 _PATIENCE_S = 0.5
 """How late samples may be before their absence counts: a delayed sample has its own time, and
 closes the gap when it arrives."""
-
-_SINCE: Mapping[Stage, str] = {"goal": "the goal", "takeoff": "the takeoff command"}
-"""The stages from which people count, the later one first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,25 +96,14 @@ class Coverage:
             return
         if self._is_link_silent(t_s - silent_s, t_s):
             return  # The vehicle may be lost, which the guard decides.
-        self.find(since_s + self.terms.limit_s, f"no sample since {since_s:.2f} s")
+        self.find(since_s + self.terms.limit_s, f"no sample for {t_s - since_s:.2f} s")
 
     def find(self, at_s: float, what: str) -> None:
         """Record a fault that makes the signal INVALID; only the first one counts."""
         if self.fault is None:
             terms = self.terms
             name = f"{terms.signal} of {terms.vehicle} from {terms.source}"
-            self.fault = Fault(at_s, f"{name}: {what}{self._since_stage(at_s)}")
-
-    def _since_stage(self, at_s: float) -> str:
-        """Return how long after the goal, or the takeoff command, a time is; "" before both.
-
-        The run clock's own seconds mean little to people where it is that of the machine.
-        """
-        for stage, words in _SINCE.items():
-            since_s = self.stages.at(stage)
-            if since_s is not None and since_s <= at_s:
-                return f"; {at_s - since_s:.2f} s after {words}"
-        return ""
+            self.fault = Fault(at_s, f"{name}: {what}{self.stages.since(at_s, lead='; ')}")
 
     def result(self) -> EvidenceResult | None:
         """Return the evidence of the signal's coverage; None when its window never opened."""
@@ -161,8 +146,7 @@ class Coverage:
         if gap_s > self._gap[0]:
             self._gap = (gap_s, since_s)
         if gap_s > limit_s:
-            gap = f"no sample from {since_s:.2f} s to {until_s:.2f} s, {gap_s:.2f} s"
-            gap += f" against {limit_s:g} s"
+            gap = f"no sample for {gap_s:.2f} s against {limit_s:g} s"
             if self._is_link_silent(since_s, until_s):
                 self._of_link = self._of_link or gap
             else:

@@ -81,7 +81,7 @@ class FlownCoverage(Coverage):
             return
         since_s, limit_s = self._still_since_s, self._most_still_s(sample)
         if t_s - since_s > limit_s:
-            message = f"it repeats one {self._what} from {since_s:.2f} s on"
+            message = f"it repeats one {self._what} for {t_s - since_s:.2f} s"
             self.find(since_s + limit_s, f"{message} while the vehicle is in the air")
 
     def _most_still_s(self, sample: PoseSample) -> float:

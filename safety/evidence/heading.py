@@ -72,5 +72,5 @@ class HeadingAgreement:
         if abs(turned_rad) <= limit_rad:
             return None
         message = f"its heading is turned by {math.degrees(abs(turned_rad)):.1f} deg from where"
-        message += f" {source} had it at {t_s:.2f} s, and its frame was anchored by its heading"
+        message += f" {source} had it, and its frame was anchored by its heading"
         return Disagreement(t_s, f"{message}; the limit is {math.degrees(limit_rad):.1f} deg")

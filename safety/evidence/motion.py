@@ -131,7 +131,7 @@ class VelocityCoverage(FlownCoverage):
         nearest_m_s = min(max(other.speed_m_s, min(near)), max(near))
         if abs(other.speed_m_s - nearest_m_s) <= limit_m_s or not self.stages.open:
             return
-        message = f"by it the vehicle moved {nearest_m_s:.2f} m/s over ground at {other.t_s:.2f} s"
+        message = f"by it the vehicle moved {nearest_m_s:.2f} m/s over ground"
         message += (
             f", by {other.source} {other.speed_m_s:.2f} m/s; the limit is {limit_m_s:.2f} m/s"
         )
@@ -156,7 +156,7 @@ class VelocityCoverage(FlownCoverage):
         if apart_m <= limit_m or not self.stages.open:
             return
         message = f"by it the vehicle moved {norm(integral_m):.2f} m within {span_s:.2f} s"
-        message += f" to {now.t_s:.2f} s, by {source} {norm(moved_m):.2f} m"
+        message += f", by {source} {norm(moved_m):.2f} m"
         self.find(now.t_s, f"{message}; the limit is {limit_m:.2f} m on each axis")
 
     def _at(self, t_s: float) -> "_Integrated | None":
@@ -240,8 +240,8 @@ class AttitudeCoverage(FlownCoverage):
             return None
         message = (
             f"it leans {math.degrees(apart_rad):.1f} deg from where {reference.source} has the"
+            " vehicle's vertical axis"
         )
-        message += f" vehicle's vertical axis at {t_s:.2f} s"
         return Disagreement(t_s, f"{message}; the limit is {math.degrees(limit_rad):.1f} deg")
 
 

@@ -67,7 +67,7 @@ class PoseCoverage(FlownCoverage):
             return
         lost = sample.dead_reckoning
         if not self.terms.permits_dead_reckoning:
-            self.find(sample.t_s, f"{lost} at {sample.t_s:.2f} s: dead reckoning from then on")
+            self.find(sample.t_s, f"{lost}: dead reckoning from then on")
             return
         known = self.caveat.split("; ") if self.caveat else []
         self.caveat = "; ".join(dict.fromkeys([*known, *lost.split("; ")]))
@@ -75,7 +75,7 @@ class PoseCoverage(FlownCoverage):
     def pose(self, sample: PoseSample) -> None:
         """Take a pose of the judged source."""
         if not is_finite(sample):
-            self.find(sample.t_s, f"{NOT_A_NUMBER} at {sample.t_s:.2f} s")
+            self.find(sample.t_s, NOT_A_NUMBER)
             return
         self.observe(sample.t_s)
         for agreement in self._agreements.values():

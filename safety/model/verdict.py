@@ -48,7 +48,8 @@ class DecisiveEvent:
 class Decision:
     """The decision: the verdict, its reason in a sentence (empty for PASS), and later events.
 
-    source, note, trace: of the event that decided; empty for PASS, and where it has none.
+    source, note, trace: of the event that decided; empty for PASS, and where it has none. at_s:
+    when that happened; infinite for PASS.
     """
 
     verdict: Verdict
@@ -57,6 +58,7 @@ class Decision:
     source: str = ""
     note: str = ""
     trace: str = ""
+    at_s: float = math.inf
 
 
 def source_of(oracle: str, vehicle: str) -> str:
@@ -98,12 +100,15 @@ def decide(
     } - reported
     losses = {event.source: event.t_s for event in known if event.source.startswith("guard.lost/")}
     ordered = sorted(known, key=lambda event: _rank(event, event.source in at_end, losses))
+    at_s = ordered[0].t_s
     if ordered[0].source in timeouts and (cause := _first_unreached(failed, timeouts)):
         time_is_up = ordered[0].text
         ordered.sort(key=lambda event: event.source != cause)
         ordered[0] = replace(ordered[0], text=f"{ordered[0].text}; {time_is_up}")
     first, *later = ordered
-    return Decision(first.kind, first.text, tuple(later), first.source, first.note, first.trace)
+    return Decision(
+        first.kind, first.text, tuple(later), first.source, first.note, first.trace, at_s
+    )
 
 
 def _with_worst(event: DecisiveEvent, worst: Mapping[str, str]) -> DecisiveEvent:

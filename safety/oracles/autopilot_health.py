@@ -182,7 +182,9 @@ class Battery(LimitOracle):
         if self._lost_s is None or found.verdict != "PASS":
             return found
         what = "charge" if self._in_percent else "voltage"
-        return self.invalid(f"its battery's {what} is reported as unknown at {self._lost_s:.2f} s")
+        return self.invalid(
+            f"its battery's {what} is reported as unknown{self.stages.since(self._lost_s)}"
+        )
 
 
 class Modes(Oracle):

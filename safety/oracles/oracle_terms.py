@@ -1,6 +1,7 @@
 """The terms of an oracle: the judged vehicle, whether it is required, its window, fail-fast."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Literal, Self, get_args
 
@@ -11,6 +12,9 @@ from wil_campaign.safety.model.samples import Stage, StageSample
 
 STAGES: tuple[Stage, ...] = get_args(Stage)
 """The stages in the order in which a run reaches them."""
+
+_SINCE: Mapping[Stage, str] = {"goal": "the goal", "takeoff": "the takeoff command"}
+"""The stages from which people count, the later one first."""
 
 FirstStage = Literal["takeoff", "at_height", "goal", "done", "land"]
 LastStage = Literal["at_height", "goal", "done", "land", "landed", "end"]
@@ -136,6 +140,17 @@ class Stages:
     def at(self, stage: Stage) -> float | None:
         """Return when a stage was reached, or None."""
         return self._at_s.get(stage)
+
+    def since(self, t_s: float, *, lead: str = " ") -> str:
+        """Return how long after the goal, or the takeoff command, a time is; "" before both.
+
+        The run clock's own seconds mean little to people where it is that of the machine.
+        """
+        for stage, words in _SINCE.items():
+            since_s = self._at_s.get(stage)
+            if since_s is not None and since_s <= t_s:
+                return f"{lead}{t_s - since_s:.2f} s after {words}"
+        return ""
 
     @property
     def begin_s(self) -> float | None:

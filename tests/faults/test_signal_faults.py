@@ -56,8 +56,8 @@ def test_a_velocity_that_its_gps_receiver_contradicts_is_no_evidence(tmp_path: P
 @pytest.mark.parametrize(
     ("signal", "kind", "autopilot", "said"),
     [
-        ("ground truth", "stop", "px4", "pose of twin from simulator: no sample since "),
-        ("ground truth", "nan", "ardupilot", "pose of twin from simulator: no sample since "),
+        ("ground truth", "stop", "px4", "pose of twin from simulator: no sample for "),
+        ("ground truth", "nan", "ardupilot", "pose of twin from simulator: no sample for "),
         ("ground truth", "freeze", "px4", "pose of twin from simulator: it repeats one position"),
         ("places", "freeze", "ardupilot", "velocity of twin from simulator: by it the vehicle"),
         ("places", "jump", "px4", "pose of twin from simulator: it moved 0."),

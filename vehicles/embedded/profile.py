@@ -37,6 +37,16 @@ _LONGEST_ARM_M = 3.0
 """Beyond any quadrotor: a larger number was probably typed in grams, or in centimetres."""
 _FAR_ARMS = 2.0
 """A body with all of its mass so many arms away has more inertia than any quadrotor."""
+_THRUST_PER_MOTOR_WEIGHT = 60.0
+"""A motor pulls at most so many times its own weight, so that its weight follows from its thrust.
+
+Racing motors are the strongest for their weight: 28 to 34 g pull about 1.5 kg, 44 to 54 times it
+(Ryan Harrell, interviewed by FPV Know-It-All, 2018). The motors alone have this much inertia at
+the ends of their arms, whatever the rest of the body has.
+"""
+_USUAL_SHARES = {"xx": 0.2, "yy": 0.2, "zz": 0.4}
+"""Of mass times arm², that published quadrotors have: those of the profiles 0.15 to 0.31 in roll
+and pitch, 0.26 to 0.5 in yaw."""
 
 
 class ProfileError(ValueError):
@@ -149,11 +159,29 @@ class AirframeNumbers(Part):
                 message = f"{getattr(self, key):g} kg m² is too much for {self.mass_kg:g} kg and "
                 message += f"arms of {self.arm_m:g} m: at most {most_kg_m2:.2g} kg m²"
                 raise KeyFaultError(key, message)
+        self._bears_its_motors()
         weight_n = self.mass_kg * _G_M_S2
         if _MOTORS * self.max_thrust_n <= weight_n:
             message = f"{_MOTORS} x {self.max_thrust_n} N do not lift {self.mass_kg:g} kg"
             raise KeyFaultError("max_thrust_n", f"{message} ({weight_n:.1f} N)")
         return self
+
+    def _bears_its_motors(self) -> None:
+        """Refuse less inertia than the motors alone have: such a body flips. Raises KeyFaultError.
+
+        Of four motors at 45 degrees to roll and pitch, half of the arm's square counts there.
+        """
+        motors_kg = _MOTORS * self.max_thrust_n / (_THRUST_PER_MOTOR_WEIGHT * _G_M_S2)
+        for axis, share in _USUAL_SHARES.items():
+            key = f"inertia_{axis}_kg_m2"
+            given_kg_m2: float = getattr(self, key)
+            least_kg_m2 = motors_kg * self.arm_m**2 * (1.0 if axis == "zz" else 0.5)
+            if given_kg_m2 < least_kg_m2:
+                usual_kg_m2 = share * self.mass_kg * self.arm_m**2
+                message = f"{given_kg_m2:g} kg m² is less than motors of {self.max_thrust_n:g} N on"
+                message += f" arms of {self.arm_m:g} m have alone ({least_kg_m2:.2g}): set {key} "
+                message += f"too, usually about {share:g} mass x arm², {usual_kg_m2:.2g} kg m²"
+                raise KeyFaultError(key, message)
 
     @property
     def motor_span_m(self) -> float:

@@ -46,6 +46,11 @@ class World:
         return tuple(each.scene_object.name for each in self.placed)
 
     @property
+    def object_ids(self) -> dict[str, int]:
+        """Return the ids of all objects of the world by name, also of those in no scene."""
+        return {each.scene_object.name: each.scene_object.object_id for each in self.placed}
+
+    @property
     def events(self) -> frozenset[str]:
         """Return the names of the events that motions of the world's objects wait for."""
         starts = (

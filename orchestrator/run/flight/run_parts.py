@@ -195,7 +195,7 @@ def flight_parts(
     """Return the run with all its parts connected to the vehicles."""
     setup, run_state, recorder, sync = ground.setup, ground.run_state, ground.recorder, ground.sync
     subject = next(context for context in pair.contexts if context.name == setup.subject)
-    run_state.last_note = lambda: subject.note
+    run_state.note_at = subject.note_at
     ground.contexts = (*pair.contexts, *pair.actors)
     ground.external_io.attach(pair.contexts)
     faults = _signal_faults(ground, pair)

@@ -82,7 +82,7 @@ def result_of(
         timeouts=judge.timeouts,
         worst=judge.worst_texts,
     )
-    note = decision.note or run_state.last_note()
+    note = decision.note or run_state.note_at(decision.at_s)
     reason = reason_of(decision, note)
     takeoff_s, landed_s = run_state.entered_s.get("takeoff"), run_state.entered_s.get("landed")
     return RunResult(
@@ -142,7 +142,7 @@ def _no_retry(decision: Decision, run_state: RunState, judge: Judge) -> str:
 
 
 def reason_of(decision: Decision, note: str) -> str:
-    """Return the reason of a run's outcome, with the autonomy's last note at a FAIL."""
+    """Return the reason of a run's outcome, with the autonomy's note at that time for a FAIL."""
     return with_note(decision.reason, note if decision.verdict == "FAIL" else "")
 
 

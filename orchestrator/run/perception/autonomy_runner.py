@@ -152,7 +152,7 @@ class AutonomyRunner:
         now_s = asyncio.get_running_loop().time()
         self.context.driver.send(command.setpoint)
         self.context.setpoint = command.setpoint
-        self.context.note = command.note
+        self.context.take_note(now_s, command.note)
         for listener in self._setpoint_listeners:
             listener(command.setpoint, now_s)
         if self._started is not None:

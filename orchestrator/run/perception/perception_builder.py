@@ -151,7 +151,8 @@ class _PerceptionBuilder:
     def _mixers(self) -> tuple[Mixer, ...]:
         if self._setup.case.recipe is None:
             return ()
-        ids = {thing.name: thing.object_id for thing in self._setup.virtual_scene.objects}
+        # An object that exists in another case only is in no reading: it isolates nothing.
+        ids = self._setup.case.world.object_ids
         watch = asyncio.get_running_loop().time if self._setup.clock != "virtual" else None
         return compile_recipe(self._setup.case.recipe, object_ids=ids, stopwatch=watch)
 

@@ -287,7 +287,7 @@ def test_a_sensor_of_the_recipe_must_be_on_both_vehicles(files: Any) -> None:
 def test_a_gate_must_stand_in_the_world_that_is_judged(files: Any) -> None:
     files.append("    exists_in: {sim: none}\n", "world.yaml")
     assert files.faults() == [
-        "campaign.yaml:20:33: 'gate' is not in Wv in mode sim (see its exists_in)"
+        "campaign.yaml:20:33: 'gate' is not in Wv in mode sim (see its exists_in, world.yaml:11)"
     ]
 
 

@@ -64,6 +64,31 @@ def test_a_mistake_in_a_formula_of_several_lines_is_found(files: Any) -> None:
     assert fault.startswith(f"campaign.yaml:{line}:13: oracle 'clear': unknown signal 'sped_m_s'")
 
 
+@pytest.mark.parametrize(
+    ("oracle", "at"),
+    [
+        ("{stl: 'always (distance_guest_m > 1)'}", "31:24"),
+        ("{use: distance, object: guest, min_m: 1}", "31:33"),
+    ],
+)
+def test_an_object_that_one_case_takes_away_is_not_called_unknown(
+    files: Any, oracle: str, at: str
+) -> None:
+    guest = "  guest:\n    shape: {box: {size_m: [0.2, 0.2, 0.2]}}\n"
+    files.append(guest + "    pose: {north_m: 2, east_m: 1, up_m: 0.5}\n", "world.yaml")
+    files.change("  collision: {}", f"  near: {oracle}\n  collision: {{}}")
+    assert files.load().runs
+    nowhere = "{sim: none, wil: none, real: none}"
+    files.change("  small:", f"  empty: {{world.objects.guest.exists_in: {nowhere}}}\n  small:")
+    text = files.path.read_text().splitlines()
+    line = next(n for n, one in enumerate(text, 1) if "empty:" in one)
+    assert files.faults() == [
+        f"campaign.yaml:{at}: oracle 'near': 'guest' is not in Wv in mode {mode} "
+        f"(see its exists_in, campaign.yaml:{line})"
+        for mode in ("sim", "wil")
+    ]
+
+
 def test_a_formula_about_both_vehicles_is_omitted_where_one_flies_alone(files: Any) -> None:
     files.change("collision: {}", "near: {stl: always (twin_distance_m < 1)}")
     assert files.load().modes == ("sim", "wil")

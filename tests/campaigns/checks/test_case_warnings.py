@@ -41,6 +41,7 @@ def test_a_vehicle_wider_than_the_usual_body_is_warned_of(files: Any) -> None:
     said = "vehicles.real has no body: 0.3 m is judged, but its motors alone span 0.32 m"
     assert told.endswith(said)
     files.change("    profile: mine.yaml\n", f"    profile: mine.yaml\n    body: {BODY}\n")
+    files.change("inner_size_m: 0.5", "inner_size_m: 0.7")
     assert warned(files) == []
 
 
@@ -297,6 +298,37 @@ def test_positions_that_may_be_missing_for_long_are_a_caveat(
     files.change("modes: [sim, wil]", "modes: [wil]")
     files.change("accept: {large: {sim: 3/3, wil: 2/3}}", "accept: {large: {wil: 2/3}}")
     assert files.load().caveats == (), "the twin is not judged in mode wil"
+
+
+@pytest.mark.parametrize(
+    ("shape", "free"),
+    [
+        ("gate: {inner_size_m: 0.25, bar_m: 0.1}", "0.25"),
+        ("gate: {form: ring, inner_size_m: 0.25, bar_m: 0.1}", "0.25"),
+        ("mesh: {file: gate.obj, opening: {polygon_m: [CORNERS]}}", "0.20"),
+    ],
+)
+def test_a_gate_narrower_than_the_vehicle_is_warned_of(files: Any, shape: str, free: str) -> None:
+    corners = ["[0, -0.1, -0.3]", "[0, 0.1, -0.3]", "[0, 0.1, 0.3]", "[0, -0.1, 0.3]"]
+    (files.folder / "gate.obj").write_text(
+        "v 0 1 -1\nv 0 1 1\nv 0 2 1\nv 0 2 -1\nf 1 2 3\nf 1 3 4\n"
+    )
+    narrow = f"{{{shape.replace('CORNERS', ', '.join(corners))}}}"
+    files.change("  large:", f"  narrow: {{world.objects.gate.shape: {narrow}}}\n  large:")
+    files.change(
+        "    pose: {north_m: 3.0, up_m: 1.2}",
+        "    pose: {north_m: 3.0, up_m: 1.2, yaw_deg: 30}",
+        "world.yaml",
+    )
+    assert [one.partition(": ")[2] for one in warned(files)] == [
+        f"'gate' is open {free} m across, and the body of '{name}' is 0.3 m wide: it does not fly "
+        "through level"
+        for name in ("twin", "real")
+    ]
+    files.change("narrow: {", "narrow: {vehicles.real.body: SMALL, vehicles.twin.body: SMALL, ")
+    text = files.path.read_text()
+    files.path.write_text(text.replace("SMALL", "{width_m: 0.15, height_m: 0.1}"))
+    assert warned(files) == []
 
 
 def test_objects_that_stand_nowhere_are_warned_of(files: Any) -> None:

@@ -14,6 +14,7 @@ from wil_campaign.campaigns.expansion.expansion import Options, RunPlan, load_ca
 from wil_campaign.foundation.files.document_writer import to_json, write_whole
 from wil_campaign.orchestrator.campaign.reevaluation import judge_run_again
 from wil_campaign.orchestrator.cli import main
+from wil_campaign.orchestrator.reading.trajectory_file import read_trajectory
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.run_results.result_reader import read_result
 from wil_campaign.orchestrator.run_results.run_result import RunResult
@@ -201,6 +202,26 @@ def test_an_event_of_another_part_stays_whatever_the_oracles_are_named(
     now = judge_run_again(replace(plan_of(()), case="large", mode="sim"), tmp_path).now
     expected = ("PASS", "", "") if with_flag else ("INVALID", said, "sync/twin")
     assert (now.verdict, now.reason, now.decided_by) == expected
+
+
+def test_a_reason_quotes_the_note_of_the_moment_that_decided(fly_run: Fly) -> None:
+    def near(north_m: float) -> tuple[str]:
+        return (f"oracles.near={{stl: 'always (north_m < {north_m})'}}",)
+
+    flown, folder = fly_run(sets=near(1.0))
+    write_whole(folder / "result.json", to_json(flown))
+    rows = [row for row in read_trajectory(folder / "trajectory.csv").rows if row.vehicle == "real"]
+    for result in (flown, judge_run_again(plan_of(near(0.9)), folder).now):
+        oracle = next(each for each in result.oracles if each.name == "near")
+        assert (result.verdict, result.decided_by) == ("FAIL", "near/real")
+        assert oracle.at_s is not None
+        until = [row.note for row in rows if row.t_s <= oracle.at_s]
+        assert until[-1] == result.note != rows[-1].note
+        assert result.reason.endswith(f"the autonomy's last note was '{result.note}'")
+    # Before the first note there is none to quote.
+    early = {"t_s": -1.0, "event": "decisive", "kind": "FAIL", "reason": "no", "source": "guard"}
+    log_also(folder, early)
+    assert judge_run_again(plan_of(()), folder).now.reason == "no"
 
 
 def test_a_flight_proves_nothing_of_a_world_that_it_was_not_flown_in(

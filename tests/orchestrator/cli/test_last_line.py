@@ -73,6 +73,8 @@ def test_the_next_steps_are_those_of_the_outcome() -> None:
         "next: wil-campaign run 'my gate.yaml' --out results/gate/1 --resume flies what is missing",
         "next: wil-campaign judge 'my gate.yaml' results/gate/1 tries other limits without flying",
     ]
+    grounded = replace(summary([replace(result("FAIL"), duration_s=None)]), broken=False)
+    assert next_steps(grounded, file=file, folder=folder, has_report=False) == []
     log = "large/sim/1/twin-node.log"
     dead = replace(result("FAIL"), decided_by="autonomy/twin", artifacts=(log,))
     ended = replace(summary([dead]), broken=False)

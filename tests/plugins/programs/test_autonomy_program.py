@@ -70,6 +70,22 @@ async def test_it_gets_where_to_fly_and_see_and_its_log_is_kept(tmp_path: Path) 
     assert "to stderr" in running.exit.tail
 
 
+async def test_a_missing_module_is_reported_with_the_interpreter_that_ran(tmp_path: Path) -> None:
+    own = tmp_path / "bin" / "python3"
+    own.parent.mkdir()
+    own.symlink_to(sys.executable)
+    for command in ("python3", "bin/python3"):
+        async with ExternalAutonomy(
+            command=[command, "-S", "-c", "import nothing_such"],
+            environment={**environment(), "PATH": str(own.parent)},
+            log_path=tmp_path / "autonomy.log",
+            folder=tmp_path,
+        ) as running:
+            ended = await running.ended()
+        assert "No module named 'nothing_such'" in ended.tail
+        assert ended.tail.endswith(f"; it was run by {own}")
+
+
 async def test_a_crash_is_reported_with_its_output(tmp_path: Path) -> None:
     async with program("raise RuntimeError('no gate in sight')", tmp_path) as running:
         ended = await running.ended()

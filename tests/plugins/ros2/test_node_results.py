@@ -1,6 +1,9 @@
 """The result of a node has its topics; that of a program has the fields that it always had."""
 
+import asyncio
 import json
+import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +15,7 @@ from wil_campaign.orchestrator.run_results.result_parts import (
     TopicResult,
 )
 from wil_campaign.orchestrator.run_results.result_reader import read_result
+from wil_campaign.plugins.ros2.node_process import started_node
 
 
 def test_results_of_nodes_and_of_programs_are_read_as_they_were_written(tmp_path: Path) -> None:
@@ -26,3 +30,18 @@ def test_results_of_nodes_and_of_programs_are_read_as_they_were_written(tmp_path
     written = json.loads(path.read_text())["outside"]["programs"]
     assert written[0]["topics"][0]["delivered"] == 8
     assert [*written[1]] == ["vehicle", "exit", "refused", "trouble", "video"]
+
+
+async def test_a_node_without_a_module_names_the_interpreter_that_ran(tmp_path: Path) -> None:
+    own = tmp_path / "python3"
+    own.symlink_to(sys.executable)
+    ended = asyncio.Event()
+    async with started_node(
+        ["python3", "-S", "-c", "import nothing_such"],
+        environment={**os.environ, "PATH": str(tmp_path)},
+        folder=tmp_path,
+        log=tmp_path / "node.log",
+        on_end=ended.set,
+    ) as node:
+        await ended.wait()
+        assert node.last_lines().endswith(f"; it was run by {own}")

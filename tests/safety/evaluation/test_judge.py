@@ -204,10 +204,10 @@ def test_a_vehicle_that_dropped_out_is_judged_until_then_and_the_others_to_the_e
     assert (fence.verdict, fence.at_s) == ("FAIL", 1.5)
     height = results["altitude", "twin"]
     assert (height.verdict, height.actual) == ("PASS", 2.0)
-    assert height.detail == "judged until twin dropped out at 2.00 s"
+    assert height.detail == "judged until twin dropped out 2.00 s after the goal"
     time_limit = results["time_limit", "twin"]
     assert time_limit.verdict == "INVALID"
-    assert time_limit.detail == "twin dropped out at 2.00 s, before this was decided"
+    assert time_limit.detail == "twin dropped out 2.00 s after the goal, before this was decided"
     assert results["altitude", "real"].verdict == "FAIL"
     assert results["kept", "twin"].verdict == "FAIL"
 

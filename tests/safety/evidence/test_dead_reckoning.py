@@ -39,7 +39,7 @@ def test_loss_is_invalid_from_its_time_on_also_when_it_is_found_again(found_s: f
     result = judged(BY_ESTIMATE, lost_s=2.0, found_s=found_s)
     assert result.verdict == "INVALID"
     assert result.reason == (
-        f"pose of real from mavlink: {LOST} at 2.00 s: dead reckoning from then on; "
+        f"pose of real from mavlink: {LOST}: dead reckoning from then on; "
         "2.00 s after the takeoff command"
     )
     assert result.caveat == ""

@@ -67,8 +67,8 @@ def test_reason_says_how_far_from_which_source_and_when() -> None:
     result = seen(40.0, source="gps yaw", accuracy_deg=2.0)
     assert result is not None
     assert result.reason == (
-        "pose of real from mavlink: its heading is turned by 40.0 deg from where gps yaw had it at "
-        "2.00 s, and its frame was anchored by its heading; the limit is 17.3 deg; "
+        "pose of real from mavlink: its heading is turned by 40.0 deg from where gps yaw had it, "
+        "and its frame was anchored by its heading; the limit is 17.3 deg; "
         "1.00 s after the takeoff command"
     )
 

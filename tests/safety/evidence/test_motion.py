@@ -98,7 +98,7 @@ def test_motion_that_agrees_with_another_source_is_evidence(signal: str) -> None
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (moving(0.0), "it repeats one velocity from"),
+        (moving(0.0), "it repeats one velocity for 0.10 s"),
         (moving(0.001), "by it the vehicle moved 0."),
         (moving(0.3), "by it the vehicle moved 0."),
         (moving(1.0, 1.0), "by it the vehicle moved "),
@@ -116,7 +116,7 @@ def test_a_velocity_that_does_not_move_the_vehicle_is_none(
 def test_a_frozen_attitude_is_none_without_a_second_source() -> None:
     result = fly("attitude", turned(None), has_truth=False)
     assert result.reason.startswith(
-        "attitude of real from mavlink: it repeats one attitude from 2."
+        "attitude of real from mavlink: it repeats one attitude for 0.10 s"
     )
 
 
@@ -124,7 +124,7 @@ def test_an_attitude_that_leans_otherwise_than_truth_is_none() -> None:
     assert fly("attitude", turned(math.radians(9.0))).verdict == "PASS"
     result = fly("attitude", turned(math.radians(14.0)))
     assert result.verdict == "INVALID"
-    assert "deg from where truth has the vehicle's vertical axis at 2." in result.reason
+    assert "deg from where truth has the vehicle's vertical axis; the limit is" in result.reason
     assert "the limit is 10.0 deg" in result.reason
 
 

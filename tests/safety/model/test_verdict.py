@@ -52,6 +52,7 @@ def test_a_required_oracle_fails_the_run_at_its_moment() -> None:
     decision = decide([DecisiveEvent(6.0, "ABORTED", "by hand")], results, end_s=9)
     assert decision.verdict == "FAIL"
     assert decision.reason == "first of real failed: touched gate.left"
+    assert decision.at_s == 4.0
     assert [(event.t_s, event.kind, event.text) for event in decision.also] == [
         (6.0, "ABORTED", "by hand"),
         (9.0, "FAIL", "later of real failed: 0.125 m against [open, 0.5] m"),
@@ -102,6 +103,7 @@ def test_a_missed_goal_comes_before_the_time_out_that_it_led_to() -> None:
     assert found.source == "reached/real"
     assert "never flew through second" in found.reason
     assert [event.source for event in found.also] == ["time_limit/real"]
+    assert found.at_s == timeout.t_s, "the time was up before the end"
     touched = DecisiveEvent(30.0, "FAIL", "real touched gate.left", "collision/real")
     first = decide([touched, timeout], [missed], end_s=50.0, timeouts={"time_limit/real"})
     assert first.source == "collision/real"

@@ -203,7 +203,10 @@ def test_a_charge_that_is_unknown_after_it_was_known_passes_nothing() -> None:
     judge.on_state(state_of(3.0, volts=11.0))
     found = judge.result(4.0)
     assert found.verdict == "INVALID"
-    assert found.detail == "its battery's charge is reported as unknown at 3.00 s"
+    assert (
+        found.detail
+        == "its battery's charge is reported as unknown 2.00 s after the takeoff command"
+    )
     judge.on_state(state_of(5.0, percent=10.0))
     assert judge.result(6.0).verdict == "FAIL"
 

@@ -1,6 +1,8 @@
 """What a process that ended said last, as one line for the reason of a run."""
 
 import re
+import shutil
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 _TAIL_BYTES = 8000
@@ -8,6 +10,8 @@ _TAIL_LINES = 3
 _AFTER = 3
 """How many lines may follow a traceback that still is what ended the process."""
 _FRAME = re.compile(r'  File "(?P<file>[^"]+)", line (?P<line>\d+), in (?P<where>.+)')
+_MISSING = ("ModuleNotFoundError", "No module named", "can't open file")
+"""What Python says of a program that another interpreter, or another folder, may have."""
 _LIBRARY = re.compile(r"/(site|dist)-packages/|/lib/python|^<")
 
 
@@ -26,6 +30,24 @@ def last_output(log: Path) -> str:
     lines = [line.rstrip() for line in text.splitlines() if line.strip()]
     end = [" ".join(line.split()) for line in lines[-_TAIL_LINES:]]
     return _exception(lines) or "; ".join(end)
+
+
+def with_interpreter(
+    said: str, argv: Sequence[str], *, environment: Mapping[str, str], folder: Path | None
+) -> str:
+    """Return what a program said; where Python missed a module or file, with what ran it.
+
+    environment, folder: of the program: by its PATH, or its folder, the command is found. Links
+    are not followed: a virtual environment's interpreter is one.
+    """
+    if not any(text in said for text in _MISSING):
+        return said
+    name = argv[0]
+    if "/" in name:
+        found = str((folder or Path.cwd()) / name)
+    else:
+        found = shutil.which(name, path=environment.get("PATH")) or name
+    return f"{said}; it was run by {found}"
 
 
 def _exception(lines: list[str]) -> str:

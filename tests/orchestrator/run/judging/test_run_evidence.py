@@ -53,7 +53,7 @@ def test_positions_that_freeze_before_a_wall_prove_nothing(plan: RunPlan, tmp_pa
     disturb = relay("twin", frozen(), stage="goal", after_s=1.5)
     result = flown(plan, tmp_path / "run", disturb)
     assert result.verdict == "INVALID"
-    assert result.reason.startswith("pose of twin from mavlink: it repeats one position from ")
+    assert result.reason.startswith("pose of twin from mavlink: it repeats one position for ")
     pose = result.evidence[0]
     assert (pose.verdict, pose.required, pose.reason) == ("INVALID", True, result.reason)
 
@@ -62,7 +62,7 @@ def test_positions_that_stop_before_a_wall_prove_nothing(plan: RunPlan, tmp_path
     disturb = relay("twin", stopped(), stage="goal", after_s=1.5)
     result = flown(plan, tmp_path / "run", disturb)
     assert result.verdict == "INVALID"
-    assert result.reason.startswith("pose of twin from mavlink: no sample since ")
+    assert result.reason.startswith("pose of twin from mavlink: no sample for ")
 
 
 TABLE = (

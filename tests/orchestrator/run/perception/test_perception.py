@@ -15,6 +15,7 @@ from wil_campaign.orchestrator.recording.run_video import make_video
 from wil_campaign.orchestrator.run.perception import warm_up
 from wil_campaign.orchestrator.run_results.run_result import CombinationResult, RunResult
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.plugins.offline.replay import replay
 from wil_campaign.plugins.python.mcap_reader import (
     RecordedProvenance,
     RecordedReading,
@@ -264,6 +265,24 @@ def test_mixing_that_leaves_its_budget_makes_a_run_invalid(
     if "hold" in text:
         # An overlay beyond its budget is not drawn, and counted.
         assert sum(combination(result).dropped.values()) > 0
+
+
+def test_an_object_of_other_cases_isolates_nothing(
+    fly_run: Fly, tmp_path: Path, listening: list[Listening]
+) -> None:
+    text = GATE.replace("ALIGN", "interpolate").replace("SKEW", "60")
+    text = text.replace("{isolate_color: {name: orange}}", "{isolate_objects: [gate, guest]}")
+    guest = (
+        "world.objects.guest={shape: {box: {size_m: [1, 1, 1]}}, pose: {north_m: 2, up_m: 0.5},"
+        " exists_in: {sim: none, wil: none, real: none}}"
+    )
+    sets = (*SMALLEST, guest, recipe(tmp_path, text), "goal.altitude_m=0.5")
+    result, folder = fly_run(cameras=SMALL_CAMERAS, sets=sets)
+    assert result.verdict != "ERROR", result.reason
+    assert combination(result).frames > 0
+    report = replay(folder)
+    assert report.compared == combination(result).frames
+    assert not report.diverges
 
 
 def test_an_exception_in_the_users_step_is_an_error_with_its_place(

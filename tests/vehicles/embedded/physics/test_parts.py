@@ -22,7 +22,12 @@ from wil_campaign.vehicles.embedded.physics.motion_kernel import BODY_NUMBERS
 from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
 from wil_campaign.vehicles.embedded.physics.plant import JsbsimPlant, Plant, PlantError
 from wil_campaign.vehicles.embedded.physics.states import Motion, motion_of
-from wil_campaign.vehicles.embedded.profile import ProfileError, list_profiles, load_profile
+from wil_campaign.vehicles.embedded.profile import (
+    AirframeNumbers,
+    ProfileError,
+    list_profiles,
+    load_profile,
+)
 from wil_campaign.vehicles.poses.truth import STOPPED, TruthSample
 from wil_campaign.worlds.frames import Pose, angle_between
 from wil_campaign.worlds.jit import F64
@@ -270,6 +275,47 @@ def test_an_airframe_that_cannot_fly_is_refused(
     (problem,) = error.value.problems
     assert problem.message == said
     assert f"{key}: {value}" in str(problem)
+
+
+def test_a_larger_drone_needs_its_own_inertia(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    head = "schema: wil/profile/1\ndescription: big\nbase: nominal\n"
+    big = "mass_kg: 6, arm_m: 0.5, max_thrust_n: 30"
+    file.write_text(f"{head}airframe: {{{big}}}\n")
+    with pytest.raises(BadInput) as error:
+        load_profile(file, shown_as="mine.yaml")
+    (problem,) = error.value.problems
+    assert problem.headline == (
+        "mine.yaml:4:1: 0.00232 kg m² is less than motors of 30 N on arms of 0.5 m have alone "
+        "(0.025): set inertia_xx_kg_m2 too, usually about 0.2 mass x arm², 0.3 kg m²"
+    )
+    numbers = f"{big}, inertia_xx_kg_m2: 0.3, inertia_yy_kg_m2: 0.3"
+    file.write_text(f"{head}airframe: {{{numbers}}}\n")
+    with pytest.raises(BadInput, match=r"set inertia_zz_kg_m2 too, usually .* 0\.6 kg m²"):
+        load_profile(file)
+    file.write_text(f"{head}airframe: {{{numbers}, inertia_zz_kg_m2: 0.6}}\n")
+    assert load_profile(file).airframe is not None
+
+
+@pytest.mark.parametrize(
+    ("mass_kg", "roll_kg_m2", "yaw_kg_m2", "arm_m", "max_thrust_n"),
+    [
+        (0.027, 1.4e-5, 2.17e-5, 0.046, 0.15),  # of the hand's size
+        (0.752, 2.1e-3, 4.3e-3, 0.15, 8.5),  # a racer
+        (120.0, 30.0, 60.0, 1.5, 800.0),  # lifts a load
+    ],
+)
+def test_drones_of_all_sizes_have_the_inertia_of_their_motors(
+    mass_kg: float, roll_kg_m2: float, yaw_kg_m2: float, arm_m: float, max_thrust_n: float
+) -> None:
+    AirframeNumbers(
+        mass_kg=mass_kg,
+        inertia_xx_kg_m2=roll_kg_m2,
+        inertia_yy_kg_m2=roll_kg_m2,
+        inertia_zz_kg_m2=yaw_kg_m2,
+        arm_m=arm_m,
+        max_thrust_n=max_thrust_n,
+    )
 
 
 def test_gauss_markov_noise_has_its_spread_and_its_time() -> None:
