@@ -158,7 +158,7 @@ class RunFeed:
 
 
 def _failure_text(failed: MarginView) -> str:
-    return f"{failed.vehicle}: {failed.name}: {failed.detail}"
+    return f"{failed.name} of {failed.vehicle} failed: {failed.detail}"
 
 
 def _vehicle_view(context: VehicleContext, now_s: float) -> VehicleView:

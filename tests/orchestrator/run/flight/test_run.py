@@ -147,7 +147,7 @@ def test_the_same_seed_gives_the_same_bytes_watched_or_not_and_another_seed_othe
     assert any(state.margins and state.mixings and len(state.vehicles) == 2 for state in states)
     # A formula that cannot hold any more is a failure in flight, though nothing flags it.
     assert (states[0].verdict_so_far, states[-1].verdict_so_far) == ("", "FAIL")
-    assert states[-1].reason.startswith("real: low: up_m >= 99 is violated")
+    assert states[-1].reason.startswith("low of real failed: up_m >= 99 is violated")
     assert all(one != two for one, two in zip(first, other, strict=True))
 
 
