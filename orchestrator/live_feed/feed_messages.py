@@ -46,7 +46,10 @@ class VehicleView(msgspec.Struct, frozen=True):
 
 
 class MarginView(msgspec.Struct, frozen=True):
-    """One oracle's value so far in the live feed. limits: low and high; None where open."""
+    """One oracle's value so far in the live feed. limits: low and high; None where open.
+
+    has_failed: FAIL, whatever follows; without it the verdict FAIL means "not yet".
+    """
 
     name: str
     vehicle: str
@@ -57,9 +60,10 @@ class MarginView(msgspec.Struct, frozen=True):
     unit: str
     margin: float | None
     detail: str
+    has_failed: bool = False
 
     @classmethod
-    def of(cls, result: OracleResult) -> Self:
+    def of(cls, result: OracleResult, *, has_failed: bool) -> Self:
         """Return an oracle's result so far."""
         limit = result.limit
         return cls(
@@ -72,6 +76,7 @@ class MarginView(msgspec.Struct, frozen=True):
             unit=result.unit,
             margin=result.margin,
             detail=result.detail,
+            has_failed=has_failed,
         )
 
 

@@ -77,7 +77,9 @@ class _Loaded:
             return ()
         is_over = t_s >= self.rows[-1].t_s
         return tuple(
-            MarginView.of(oracle if is_over or _is_known(oracle, t_s) else _open(oracle))
+            MarginView.of(oracle, has_failed=oracle.verdict == "FAIL")
+            if is_over or _is_known(oracle, t_s)
+            else MarginView.of(_open(oracle), has_failed=False)
             for oracle in self.result.oracles
         )
 

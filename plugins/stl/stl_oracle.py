@@ -180,7 +180,7 @@ class Stl(Oracle):
     comparison fails. INVALID where a signal has no value when the formula needs it.
     """
 
-    is_costly: ClassVar[bool] = True
+    is_certain: ClassVar[bool] = True
 
     def __init__(self, terms: Terms, *, text: str, context: OracleContext) -> None:
         super().__init__(terms)
@@ -198,6 +198,8 @@ class Stl(Oracle):
         self._last_sample_s: float | None = None
         self._next_check_s = 0.0
         self._flagged = False
+        self._so_far: OracleResult | None = None
+        self._next_look_s = 0.0
 
     @property
     def watches(self) -> tuple[str, ...]:
@@ -252,6 +254,7 @@ class Stl(Oracle):
         """Record a stage: the formula's window begins with the values known when it opens."""
         opened = not self.stages.open
         flags = super().on_stage(sample)
+        self._so_far = None
         if opened and self.stages.open:
             self._add_row(sample.t_s)
         return flags
@@ -297,6 +300,43 @@ class Stl(Oracle):
             unit=part.unit,
             margin=part.margin,
             at_s=at_s,
+            detail="" if found.holds else part.violation,
+        )
+
+    def so_far(self, t_s: float) -> OracleResult:
+        """Return the best that the formula can still reach, at most a second old.
+
+        Of an `always` that is its least margin so far. A FAIL is certain: what is still open passes
+        until it is decided.
+        """
+        if self._so_far is None or t_s >= self._next_look_s:
+            self._next_look_s = t_s + _CHECK_EVERY_S
+            self._so_far = self._best_so_far(t_s)
+        return self._so_far
+
+    def _best_so_far(self, t_s: float) -> OracleResult:
+        times_s = self._trace.times_s
+        if not times_s:
+            return self.invalid("its window has not begun")
+        values = self._trace.values()
+        # A sample of a time before now may come yet: nothing is known after the last one.
+        found = (
+            self._monitor.at_best(times_s, values, times_s[-1] + 1e-9)
+            if self.stages.end_s is None
+            else self.evaluated(t_s)
+        )
+        if isinstance(found, Unevaluable):
+            return self.invalid(str(found), at_s=found.at_s)
+        if found.decided_by is None:
+            return self.verdict(passed=found.holds, detail="decided at the end")
+        part = part_of(found.decided_by, found.index, values, self._kinds)
+        return self.verdict(
+            passed=found.holds,
+            actual=part.actual,
+            limit=part.limit,
+            unit=part.unit,
+            margin=part.margin,
+            at_s=times_s[found.index],
             detail="" if found.holds else part.violation,
         )
 

@@ -307,13 +307,28 @@ class Judge:
         return event.kind != "FAIL" or event.source in self._fail_fast
 
     def results(self, t_s: float) -> tuple[OracleResult, ...]:
-        """Return the judge's result of every oracle as of `t_s`, in the campaign's order."""
-        return tuple(self.result_of(oracle, t_s) for oracle in self.oracles)
+        """Return the judge's result of every oracle as of `t_s`, in the campaign's order.
 
-    def result_of(self, oracle: Oracle, t_s: float) -> OracleResult:
-        """Return the result of one oracle as of `t_s`, or of when its vehicle dropped out."""
-        ended = self._ended.get(source_of(oracle.name, oracle.vehicle))
-        return oracle.result(t_s) if ended is None else ended
+        That of one whose vehicle dropped out is as of then.
+        """
+        return tuple(
+            self._ended.get(source_of(oracle.name, oracle.vehicle)) or oracle.result(t_s)
+            for oracle in self.oracles
+        )
+
+    def so_far(self, t_s: float) -> tuple[tuple[OracleResult, bool], ...]:
+        """Return each oracle's result so far, and whether it has failed, whatever follows.
+
+        Another FAIL means "not yet", as of a goal that is not reached.
+        """
+        settled = {source_of(flag.oracle, flag.vehicle) for flag in self._flags if flag.decisive}
+        found: list[tuple[OracleResult, bool]] = []
+        for oracle in self.oracles:
+            source = source_of(oracle.name, oracle.vehicle)
+            result = self._ended.get(source) or oracle.so_far(t_s)
+            is_certain = oracle.is_certain or source in settled or source in self._ended
+            found.append((result, is_certain and result.verdict == "FAIL"))
+        return tuple(found)
 
     def _result_at_drop_out(self, oracle: Oracle, t_s: float) -> OracleResult:
         """Return the result of an oracle whose vehicle leaves the flight now.

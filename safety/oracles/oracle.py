@@ -82,13 +82,13 @@ class Oracle(ABC):
     """The base of oracles, each of one vehicle (`watches`: the vehicles whose samples it gets).
 
     reports: the reports of a vehicle that it needs: without them it cannot judge. motion: what it
-    needs of a pose besides the position. is_costly: computing its result takes longer the longer
-    the run is, too long to be done in flight.
+    needs of a pose besides the position. is_certain: a FAIL of its result so far is one whatever
+    follows; of other oracles only one with a decisive flag is, else it means "not yet".
     """
 
     reports: frozenset[ReportName] = frozenset()
     motion: frozenset[MotionName] = frozenset()
-    is_costly: ClassVar[bool] = False
+    is_certain: ClassVar[bool] = False
 
     def __init__(self, terms: Terms) -> None:
         self.terms = terms
@@ -140,6 +140,13 @@ class Oracle(ABC):
     @abstractmethod
     def result(self, t_s: float) -> OracleResult:
         """Return the oracle's result as of run time `t_s`."""
+
+    def so_far(self, t_s: float) -> OracleResult:
+        """Return the result so far for displays, which ask up to twenty times a second in flight.
+
+        An oracle overrides it where its result takes longer the longer the run is.
+        """
+        return self.result(t_s)
 
     @property
     def worst_text(self) -> str:

@@ -131,6 +131,12 @@ class RunFeed:
         oracle_runner, perception = self._oracle_runner, self._perception
         fences: dict[str, Fence] = {str(name): one for name, one in setup.case.fences.items()}
         fences |= {} if oracle_runner is None else oracle_runner.changed_fences
+        found = () if oracle_runner is None else oracle_runner.results(now_s)
+        margins = tuple(MarginView.of(one, has_failed=failed) for one, failed in found)
+        # An oracle that may not end the flight fails without an event.
+        failed = next((one for one in margins if one.required and one.has_failed), None)
+        failure = ("", "") if failed is None else ("FAIL", _failure_text(failed))
+        verdict, reason = failure if first is None else (first.kind, first.text)
         return RunView(
             run=str(setup.order.folder.absolute()),
             name=setup.order.plan.name,
@@ -140,17 +146,19 @@ class RunFeed:
             stage=run_state.stage,
             entered_s={str(stage): t_s for stage, t_s in run_state.entered_s.items()},
             events=dict(self._events),
-            verdict_so_far="" if first is None else first.kind,
-            reason="" if first is None else first.text,
+            verdict_so_far=verdict,
+            reason=reason,
             held=run_state.held,
             vehicles=tuple(_vehicle_view(context, now_s) for context in self._contexts),
-            margins=()
-            if oracle_runner is None
-            else tuple(map(MarginView.of, oracle_runner.results(now_s))),
+            margins=margins,
             mixings=() if perception is None else tuple(map(_mixing_view, perception.mixings)),
             fences={name: plain_fence(fence) for name, fence in fences.items()},
             flown=flown_poses(self._events, now_s),
         )
+
+
+def _failure_text(failed: MarginView) -> str:
+    return f"{failed.name} of {failed.vehicle} failed: {failed.detail}"
 
 
 def _vehicle_view(context: VehicleContext, now_s: float) -> VehicleView:

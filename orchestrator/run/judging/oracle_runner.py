@@ -138,12 +138,9 @@ class OracleRunner:
         ]
         return min([r.actual for r in results if r.actual is not None], default=None)
 
-    def results(self, t_s: float) -> tuple[OracleResult, ...]:
-        """Return the results so far of the oracles for which they cost little."""
-        judge = self._judge
-        return tuple(
-            judge.result_of(oracle, t_s) for oracle in judge.oracles if not oracle.is_costly
-        )
+    def results(self, t_s: float) -> tuple[tuple[OracleResult, bool], ...]:
+        """Return the results so far, each with whether it has failed, whatever follows."""
+        return self._judge.so_far(t_s)
 
     def change_fences(self, fences: Mapping[str, Fence], who: str) -> None:
         """Give the oracles changed fences of vehicles."""

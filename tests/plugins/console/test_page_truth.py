@@ -215,6 +215,33 @@ async def test_a_run_that_has_ended_without_a_verdict_yet_is_no_pass(console: Co
     await look(console, seen)
 
 
+async def test_the_head_names_what_has_failed_and_nothing_that_is_only_not_reached_yet(
+    console: Console,
+) -> None:
+    def seen(feed: FakeFeed) -> None:
+        page = feed.page
+        feed.status(flying={"large/wil/1": {"stage": "goal"}})
+        goal = MarginView("goal", "real", True, "FAIL", 3.0, (None, 0.3), "m", -2.7, "")
+        feed.take(view("large/wil/1", verdict_so_far="", margins=(goal, MARGIN)))
+        wait_until(page, text("nearest"), "distance of real: 0.80 m left")
+        assert "not yet: 2.70 m beyond" in page.value(text("margins"))
+        low = MarginView("low", "real", True, "FAIL", 0.2, (None, 0.5), "m", -0.3, "", True)
+        down = structs.replace(low, name="quiet", actual=None, margin=None, detail="it is armed")
+        for failed, said in (
+            (low, "low of real: 0.30 m beyond"),
+            (down, "quiet of real: it is armed"),
+        ):
+            changes = {"verdict_so_far": "FAIL", "margins": (goal, MARGIN, failed), "t_s": 11.0}
+            feed.take(view("large/wil/1", **changes))
+            wait_until(page, text("nearest"), said)
+        assert page.value(text("verdict")) == "FAIL"
+        page.resize(390, 800)
+        # Nothing is said: no line is kept free for it.
+        assert page.value("document.querySelector('.says').offsetHeight") < 5
+
+    await look(console, seen)
+
+
 async def test_margins_are_in_the_first_screen_and_the_dialog_covers_no_abort(
     console: Console,
 ) -> None:

@@ -405,6 +405,38 @@ def test_a_signal_that_is_true_or_false_has_no_margin() -> None:
     assert result.detail == "armed is violated"
 
 
+def test_the_best_that_is_still_possible_is_shown_in_flight() -> None:
+    judge = stl("always[0,30] (up_m >= 0.5)")
+    assert (judge.so_far(1.0).verdict, judge.so_far(1.0).detail) == (
+        "INVALID",
+        "its window has not begun",
+    )
+    stage(judge, takeoff=1.0, at_height=2.0, goal=3.0)
+    heights(judge, 1.0, 0.75, 2.0)
+    result = judge.so_far(5.0)
+    assert (result.verdict, result.margin, result.limit, result.unit) == ("PASS", 0.25, 0.5, "m")
+    heights(judge, 0.25, 9.0, start_s=6.0)
+    # It is looked at once a second, and at each stage.
+    assert [judge.so_far(t_s).margin for t_s in (5.9, 6.0)] == [0.25, -0.25]
+    assert judge.so_far(6.0).detail == "up_m >= 0.5 is violated: 0.250 m against 0.5 m"
+    heights(judge, 0.125, start_s=6.5)
+    stage(judge, land=6.6)
+    assert judge.so_far(6.6).margin == judge.result(6.6).margin == -0.375
+
+
+def test_what_is_still_open_is_shown_as_no_failure_until_it_is_certain() -> None:
+    judge = stl("eventually[0,5] (up_m >= 2)")
+    stage(judge, takeoff=1.0, at_height=2.0, goal=3.0)
+    heights(judge, 1.0, 1.5)
+    result = judge.so_far(4.0)
+    assert (result.verdict, result.margin, result.detail) == ("PASS", None, "decided at the end")
+    # No sample after the end of the interval has come yet: one of before may still come.
+    assert judge.so_far(8.5).verdict == "PASS"
+    heights(judge, 1.0, 1.0, start_s=8.5)
+    result = judge.so_far(9.6)
+    assert (result.verdict, result.margin) == ("FAIL", -0.5)
+
+
 def test_it_fails_fast_once_it_can_hold_no_more() -> None:
     judge = stl("always[0,10] (up_m >= 1 -> eventually[0,2] (up_m >= 3))", fail_fast=True)
     stage(judge, goal=3.0)

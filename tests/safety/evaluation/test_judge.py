@@ -54,6 +54,35 @@ def state(t_s: float, vehicle: str, *, armed: bool, landed: bool) -> StateSample
     return StateSample(t_s, vehicle, armed, Mode.LAND, "LAND", landed)
 
 
+def test_a_failure_in_flight_is_no_goal_that_is_not_reached_yet() -> None:
+    goal = OracleContext(
+        mode="real", subject="real", vehicle="real", fence=FENCE, target_ned_m=(3, 0, -1)
+    )
+    uses = (
+        use("geofence"),
+        use("reached_position", tolerance_m=0.3),
+        use("stl", stl="always (up_m >= 0.5)"),
+    )
+    judge = Judge(build_oracles(uses, {"real": goal}))
+
+    def failed() -> dict[str, tuple[str, bool]]:
+        return {
+            result.name: (result.verdict, has_failed)
+            for result, has_failed in judge.so_far(3.5)
+            if result.verdict == "FAIL"
+        }
+
+    judge.stage(StageSample(1.0, "takeoff"))
+    judge.stage(StageSample(2.0, "at_height"))
+    judge.stage(StageSample(3.0, "goal"))
+    judge.pose(pose(3.1, "real", (0, 0, -1)))
+    assert failed() == {"reached_position": ("FAIL", False)}
+    judge.pose(pose(3.2, "real", (0, 5, -0.25)))
+    assert failed()["geofence"] == ("FAIL", True)
+    judge.stage(StageSample(3.3, "land"))
+    assert failed()["stl"] == ("FAIL", True)
+
+
 class Referred(Oracle):
     """Keeps the poses by other sources that it is given."""
 

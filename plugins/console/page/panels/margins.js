@@ -14,14 +14,20 @@ export function sinceStart(t_s, view) {
   return t_s - (view?.entered_s?.start ?? (entered.length ? Math.min(...entered) : 0));
 }
 
-/** The required margin with the smallest share left. @param {Run | undefined} run @returns {{text: string, kind: string}} */
+/** Whether an oracle has not passed yet, and may: it has not failed either. @param {any} one @param {Run | undefined} run */
+function isOpen(one, run) {
+  return one.verdict === "FAIL" && !one.has_failed && run?.view?.stage !== "end";
+}
+
+/** What has failed, else the required margin with the smallest share left. @param {Run | undefined} run @returns {{text: string, kind: string}} */
 export function nearestOf(run) {
-  const required = (run?.view?.margins ?? []).filter((/** @type {any} */ one) => one.required && one.margin !== null);
+  const required = (run?.view?.margins ?? []).filter((/** @type {any} */ one) => one.required && !isOpen(one, run) && (one.margin !== null || one.verdict === "FAIL"));
   const [nearest] = required
     .map((/** @type {any} */ one) => ({ one, ...shareOf(one, run) }))
-    .toSorted((/** @type {any} */ one, /** @type {any} */ other) => one.share - other.share);
+    .toSorted((/** @type {any} */ one, /** @type {any} */ other) => Number(other.one.verdict === "FAIL") - Number(one.one.verdict === "FAIL") || one.share - other.share);
   if (!nearest) return { text: "nothing measured", kind: "" };
   const { one, share } = nearest;
+  if (one.margin === null) return { text: `${titleOf(one)}: ${one.detail || "failed"}`, kind: "over" };
   const limit = limitText(one);
   const left = share < 0 ? "beyond its limit" : "left";
   const text = `${titleOf(one)}: ${number(Math.abs(one.margin))} ${one.unit} ${left}${limit ? ` (${limit})` : ""}`;
@@ -96,10 +102,14 @@ function limitText(one) {
 /** @param {any} one @param {Run | undefined} run */
 function barCell(one, run) {
   const cell = make("td");
+  if (isOpen(one, run)) {
+    const missing = one.margin === null ? "" : `${number(Math.abs(one.margin))} ${one.unit} beyond`;
+    cell.append(make("small", `not yet: ${one.detail || missing}`));
+    return cell;
+  }
   if (one.margin === null) {
     const open = isEvent(one) ? "no violation" : one.actual === null ? "not measured yet" : "judged at the end";
-    const isOpen = one.verdict === "FAIL" && run?.view?.stage !== "end";
-    cell.append(make("small", isOpen ? `not yet: ${one.detail}` : one.detail || (one.verdict === "FAIL" ? "failed" : open)));
+    cell.append(make("small", one.detail || (one.verdict === "FAIL" ? "failed" : open)));
     return cell;
   }
   const { share, whole } = shareOf(one, run);

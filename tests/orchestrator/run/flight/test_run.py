@@ -130,7 +130,7 @@ def test_the_same_seed_gives_the_same_bytes_watched_or_not_and_another_seed_othe
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(short_folder))
 
     def everything(seed: int) -> tuple[str, bytes, bytes]:
-        result, folder = fly_run(seed=seed, sets=BRIEF)
+        result, folder = fly_run(seed=seed, sets=(*BRIEF, "oracles.low.stl=always (up_m >= 99)"))
         document = json.loads(to_json(result))
         del document["wall_s"]
         trajectory = (folder / "trajectory.csv").read_bytes()
@@ -145,6 +145,9 @@ def test_the_same_seed_gives_the_same_bytes_watched_or_not_and_another_seed_othe
     states = [one for one in seen if isinstance(one, RunView)]
     assert (images, stages[-1]) == ({"real", "twin", "mixed"}, "end")
     assert any(state.margins and state.mixings and len(state.vehicles) == 2 for state in states)
+    # A formula that cannot hold any more is a failure in flight, though nothing flags it.
+    assert (states[0].verdict_so_far, states[-1].verdict_so_far) == ("", "FAIL")
+    assert states[-1].reason.startswith("low of real failed: up_m >= 99 is violated")
     assert all(one != two for one, two in zip(first, other, strict=True))
 
 

@@ -88,6 +88,6 @@ def test_a_stage_finds_no_silence_where_the_judge_had_not_looked_yet(late: LateJ
     late.judge.stage(StageSample(1.0, "takeoff"))
     late.sends(1.0, 3.0)
     late.runner._stage("landed", 3.0)
-    (link,) = [result for result in late.runner.results(3.0) if result.name == "link"]
+    (link,) = [result for result, _ in late.runner.results(3.0) if result.name == "link"]
     assert link.verdict == "PASS"
     assert link.actual == pytest.approx(0.2, abs=0.06)
