@@ -196,6 +196,9 @@ def _sentences(compared: FolderComparison) -> list[str]:
     worse = [f"{change.case}/{change.mode} {change.what}" for change in found.worse]
     undecided = sum(change.outcome == "undecided" for change in found.changes)
     last = f"worse: {', '.join(worse)}" if worse else "nothing became worse beyond chance and size"
+    if found.flips and not worse:
+        runs = "1 run" if len(found.flips) == 1 else f"{len(found.flips)} runs"
+        last += f"; {runs} of equal seed changed the verdict"
     if undecided:
         last += f"; {undecided} lost more than the limit, which may be chance: fly more"
     return [*lines, last]

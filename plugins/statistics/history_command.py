@@ -8,7 +8,6 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from wil_campaign.campaigns.statistics.proportions import Interval
 from wil_campaign.foundation.files.problems import printable
 from wil_campaign.orchestrator.cli.standard_streams import err, out
 from wil_campaign.orchestrator.cli.text_table import table
@@ -78,7 +77,7 @@ def _as_text(rows: Sequence[HistoryRow], varied: Sequence[Variation]) -> str:
             row.started_utc,
             row.version,
             _passed_text(row),
-            _interval_text(row.interval),
+            _interval_text(row),
             "-" if row.margin is None else f"{row.margin:.3f}",
             "-" if row.duration_s is None else f"{row.duration_s:.1f}",
         )
@@ -128,8 +127,11 @@ def _endings(rows: Sequence[HistoryRow]) -> list[str]:
     ]
 
 
-def _interval_text(interval: Interval | None) -> str:
-    return "equal runs" if interval is None else f"[{interval.low:.2f}, {interval.high:.2f}]"
+def _interval_text(row: HistoryRow) -> str:
+    """Return the interval of a pass rate; a dash where no flight proved anything."""
+    if row.interval is not None:
+        return f"[{row.interval.low:.2f}, {row.interval.high:.2f}]"
+    return "equal runs" if row.flown else "-"
 
 
 def _as_json(rows: Sequence[HistoryRow], varied: Sequence[Variation]) -> str:

@@ -208,7 +208,9 @@ def _oracle_facts(oracle: OracleResult, formula: str, contact: str) -> list[tupl
         rule = rule.replace("min_m", number_text(oracle.limit, oracle.unit))
     if worst == NOTHING != limit:
         worst = "not measured"
-    found = [("rule", f"{formula} (seconds since its window opened)" if formula else rule)]
+    # Without an interval a formula has no seconds that a reader had to be told of.
+    counted = f"{formula} (seconds since its window opened)" if "[" in formula else formula
+    found = [("rule", counted or rule)]
     if _is_contact(oracle) and oracle.margin == 0.0:
         found.append(("by how much", contact))
     elif oracle.margin == 0.0:
@@ -292,20 +294,20 @@ def tightest_in_view(result: RunResult) -> OracleResult | None:
     return min(near, key=lambda one: one.margin or 0.0, default=None)
 
 
-_MOST = 6
-
-
 def success_of(result: RunResult, *, goal_s: float | None) -> Success | None:
     """Return why a run passed; None for other verdicts."""
     if result.verdict != "PASS":
         return None
     required = [oracle for oracle in result.oracles if oracle.required]
-    measured = [
-        oracle_result
-        for oracle_result in required
-        if oracle_result.margin is not None and oracle_result.actual is not None
-    ]
-    measured.sort(key=lambda one: (one.unit != "m", one.margin or 0.0))
+    # Those in metres first, then other units; last those that measure nothing, such as `landed`.
+    listed = sorted(
+        required,
+        key=lambda one: (
+            one.margin is None or one.actual is None,
+            one.unit != "m",
+            one.margin or 0.0,
+        ),
+    )
     is_one = len(required) == 1
     sentence = (
         "The required check held." if is_one else f"All {len(required)} required checks held."
@@ -313,7 +315,7 @@ def success_of(result: RunResult, *, goal_s: float | None) -> Success | None:
     tight = tightest_in_view(result)
     if tight is not None:
         sentence += " " + _tightest_text(tight, goal_s)
-    return Success(sentence, tuple(_margins(measured[:_MOST])))
+    return Success(sentence, tuple(_margins(listed)))
 
 
 def _tightest_text(oracle: OracleResult, goal_s: float | None) -> str:

@@ -198,7 +198,7 @@ def _figures(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:
     ):
         value = provenance.get(key)
         if isinstance(value, int | float):
-            found.append((title, number_text(float(value), unit, 1)))
+            found.append((title, number_text(round(float(value), 1), unit, 1)))
     if provenance.get("dropped"):
         found.append(("left out", f"{provenance['dropped']}: {provenance.get('detail', '')}"))
     return found

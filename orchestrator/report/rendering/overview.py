@@ -182,7 +182,7 @@ def _case_row(
         verdict=verdict,
         clearance_m=number_text(min(clearances, default=None), digits=2),
         skew_ms=number_text(max((1000.0 * skew for skew in skews), default=None), digits=0),
-        registration_px=number_text(max(errors, default=None), digits=1),
+        registration_px=f"{max(errors):.1f}" if errors else NOTHING,
         badge=badge,
         is_control=is_control,
     )
@@ -251,7 +251,7 @@ def _mixture_texts(runs: Iterable[RunResult]) -> Iterator[str]:
     ]
     text = f"{frames} mixtures in {runs_text(len(mixed))}, {dropped} with something left out"
     if errors:
-        worst = number_text(max(errors), "px", 1)
+        worst = number_text(max(0.1, *errors), "px", 1)
         text += f"; registration error below {worst} in 99 % of each measured"
     if unmeasured := len(mixed) - len(errors):
         text += f"; registration error not measured in {runs_text(unmeasured)}"

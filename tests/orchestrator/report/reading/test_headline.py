@@ -120,3 +120,8 @@ def test_a_pass_says_what_was_tightest() -> None:
     (margin,) = success.margins
     assert (margin.name, margin.measured, margin.limit) == ("collision", "0.3 m", "at least 0 m")
     assert success_of(touched(), goal_s=2.0) is None
+    landed = OracleResult("landed", "real", True, "PASS", None, None, "", None, None)
+    both = success_of(replace(passed(), oracles=(landed, *passed().oracles)), goal_s=2.0)
+    assert both is not None
+    assert both.sentence.startswith("All 2 required checks held.")
+    assert [each.name for each in both.margins] == ["collision", "landed"], "as many as it says"

@@ -366,7 +366,11 @@ def test_a_formula_is_its_own_rule_and_its_figures_stand_once() -> None:
     )
     assert cause is not None
     facts = dict(cause.facts)
-    assert facts["rule"].startswith("always[0,3] (up_m <= 1.3)")
+    assert facts["rule"] == "always[0,3] (up_m <= 1.3) (seconds since its window opened)"
+    plain = {"waits": "always (up_m <= 1.3)"}
+    whole = cause_of(failed(waits), (), goal_s=2.0, passed=None, formulas=plain)
+    assert whole is not None
+    assert dict(whole.facts)["rule"] == "always (up_m <= 1.3)", "it has no seconds to explain"
     assert facts["broken part"] == "up_m <= 1.3"
     assert facts["crossed"] == "6.00 s after the goal was given"
     assert "where" not in facts

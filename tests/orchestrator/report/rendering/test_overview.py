@@ -160,10 +160,20 @@ def test_a_registration_that_was_not_measured_is_reported() -> None:
             mixing=SimpleNamespace(frames=10, dropped=0, registration_error_px=error, shown={})
         )
 
-    measured, half, none = (
+    measured, half, none, tiny = (
         next(overview._mixture_texts(runs))
-        for runs in ([run(0.7)], [run(0.7), run(None)], [run(None)])
+        for runs in ([run(0.7)], [run(0.7), run(None)], [run(None)], [run(9.93e-05)])
     )
+    assert tiny.endswith("registration error below 0.1 px in 99 % of each measured")
     assert measured.endswith("registration error below 0.7 px in 99 % of each measured")
     assert half.endswith("of each measured; registration error not measured in 1 run")
     assert none.endswith("left out; registration error not measured in 1 run")
+
+
+@pytest.mark.parametrize(("error_px", "text"), [(9.93e-05, "0.0"), (2.345, "2.3"), (None, "-")])
+def test_a_registration_is_rounded_as_on_the_terminal(error_px: float | None, text: str) -> None:
+    mixing: Any = SimpleNamespace(registration_error_px=SimpleNamespace(p50=error_px))
+    run = replace(judged(CLEAR), required=False, mixing=mixing)
+    documents: Any = None
+    row = overview._case_row(documents, "a", "wil", False, [run])
+    assert row.registration_px == text.replace("-", NOTHING)

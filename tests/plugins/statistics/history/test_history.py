@@ -252,6 +252,14 @@ def test_nothing_to_show_and_damaged_folders(tmp_path: Path, capsys: Capture) ->
     assert "a/wil/2: result.json is truncated" in outcome.err
 
 
+def test_an_interval_is_of_proven_flights_only(tmp_path: Path, capsys: Capture) -> None:
+    flown(tmp_path, 1, "II")
+    page = tmp_path / "page.html"
+    assert main(["history", str(tmp_path / "results"), "--page", str(page)]) == 0
+    assert "0/0 +2 unproven  -" in capsys.readouterr().out
+    assert "equal runs" not in page.read_text()
+
+
 def test_flights_by_other_settings_are_not_of_one_line(tmp_path: Path, capsys: Capture) -> None:
     """A weaker limit makes passes of failures: the curve is another one from there on."""
     limits = [{"max_m": 2.3}, {"max_m": 2.3}, {"max_m": 5.0}]
