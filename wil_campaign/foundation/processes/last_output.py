@@ -33,21 +33,21 @@ def last_output(log: Path) -> str:
 
 
 def with_interpreter(
-    said: str, argv: Sequence[str], *, environment: Mapping[str, str], folder: Path | None
+    printed: str, argv: Sequence[str], *, environment: Mapping[str, str], folder: Path | None
 ) -> str:
     """Return what a program said; where Python missed a module or file, with what ran it.
 
     environment, folder: of the program: by its PATH, or its folder, the command is found. Links
     are not followed: a virtual environment's interpreter is one.
     """
-    if not any(text in said for text in _MISSING):
-        return said
+    if not any(text in printed for text in _MISSING):
+        return printed
     name = argv[0]
     if "/" in name:
         found = str((folder or Path.cwd()) / name)
     else:
         found = shutil.which(name, path=environment.get("PATH")) or name
-    return f"{said}; it was run by {found}"
+    return f"{printed}; it was run by {found}"
 
 
 def _exception(lines: list[str]) -> str:
