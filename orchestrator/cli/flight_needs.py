@@ -15,7 +15,7 @@ from wil_campaign.worlds.render.shading import write_ids
 
 _GUESSED_S: dict[Clock, float] = {"virtual": 6.0, "wall": 60.0, "scaled": 60.0}
 """Wall time of one flight where nothing was flown yet: of the examples on two cores."""
-_GUESSED_MB = 12.0
+_GUESSED_MB = 7.0
 """Disk of one flight with images of one camera."""
 
 

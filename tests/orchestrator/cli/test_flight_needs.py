@@ -21,7 +21,7 @@ def flown(folder: Path, *, wall_s: float, clock: str = "virtual", size: int = 3_
 
 def test_a_first_flight_is_a_guess(tmp_path: Path) -> None:
     text = needs_text(tmp_path / "none", flights=24, at_once=2, clock="virtual")
-    assert text == "about 2 minutes and 290 MB (a guess)"
+    assert text == "about 2 minutes and 170 MB (a guess)"
 
 
 def test_the_newest_flights_by_the_same_clock_count(tmp_path: Path) -> None:
