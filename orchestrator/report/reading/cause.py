@@ -130,11 +130,14 @@ def _time_facts(
 
 
 def notes_of(result: RunResult, *, at_s: float | None, goal_s: float | None) -> tuple[str, ...]:
-    """Return facts that did not decide the verdict: the twin's end, and reported oracles.
+    """Return facts that did not decide the verdict: evidence, the twin's end, reported oracles.
 
     at_s: time of the decisive event; None for a PASS, or where it is not known.
     """
+    unsound = [also.reason for also in result.also if also.verdict == "INVALID"]
     found = []
+    if result.verdict == "FAIL" and unsound:
+        found.append(f"The fault may not be the autonomy's: INVALID too, for {'; '.join(unsound)}")
     left = None if result.twin is None else result.twin.dropped_out
     if left is not None:
         text = f"The twin dropped out {time_text(left.at_s, goal_s)}"

@@ -403,6 +403,16 @@ def test_a_twin_that_dropped_out_and_reported_oracles_are_noted() -> None:
     assert notes_of(passed, at_s=None, goal_s=2.0) == ()
 
 
+def test_a_failure_whose_evidence_is_unsound_says_so_first() -> None:
+    unseen = Also("INVALID", "mixing of camera: the mixture never showed gate", 9.0)
+    floor = OracleResult("clearance", "real", True, "FAIL", 0.0, 0.3, "m", -0.3, 8.0, "")
+    notes = notes_of(replace(failed(floor), also=(unseen,)), at_s=8.0, goal_s=2.0)
+    assert notes[0] == (
+        "The fault may not be the autonomy's: INVALID too, for mixing of camera: the mixture never "
+        "showed gate"
+    )
+
+
 def test_a_missed_goal_says_how_near_the_vehicle_came() -> None:
     missed = OracleResult("reached", "real", True, "FAIL", None, 0.5, "m", None, None, "never")
     cause = cause_of(failed(missed), (), goal_s=2.0, passed=NearestPass(6.5, 1.234))
