@@ -25,7 +25,7 @@ from wil_campaign.plugins.run_images.recorded_images import (
     read_images,
 )
 from wil_campaign.vehicles.perception.depth_colors import depth_scale
-from wil_campaign.vehicles.readings import CameraReading, Drawing
+from wil_campaign.vehicles.readings import CameraReading, DepthReading, Drawing
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 
@@ -104,6 +104,25 @@ def test_colours_of_depths_have_their_scale_on_the_card(folder: Path) -> None:
         images = ImagesAtTime(0.0, {}, is_depth)
         draw_card(run, "gate", images).image.save(folder / "card.png")
         assert has_colour(folder / "card.png", nearest) is is_depth
+
+
+def test_recorded_depths_are_known_as_such(folder: Path) -> None:
+    place = folder / "large/sim/1"
+    assert not any(one.is_depth for one in read_images(place, mode="sim", wanted_s=[5.0]))
+    (place / "run.mcap").unlink()
+    with recorder(place / "run.mcap", settings=RecordingSettings(), facts={}) as run:
+        for seq in range(1, 200):
+            reading = DepthReading(
+                t_s=0.05 * seq,
+                arrived_s=0.05 * seq,
+                seq=seq,
+                source="twin",
+                depth_m=np.ones((8, 8), np.float32),
+                intrinsics=Intrinsics.from_fov(8, 8, 1.0),
+            )
+            run.reading("depth", reading)
+    found = read_images(place, mode="sim", wanted_s=[5.0])
+    assert [one.is_depth for one in found] == [True]
 
 
 def test_an_unknown_run_and_one_without_a_folder_are_named(folder: Path) -> None:
