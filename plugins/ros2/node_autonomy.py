@@ -108,6 +108,9 @@ class NodeAutonomy:
         self._latched_s = self._clock_s = float("-inf")
         self._reporting = threading.Lock()
         self._answer: Received | None = None
+        self._until: int | None = None
+        """Number of the setpoint before which a word must have come: of what a node says after
+        its answer, the machine decides when it comes, and it belongs to the next answer."""
         self._used, self._refused = 0, ""
         self._fresh_s: float | None = None
         self._setpoint: Setpoint = _STILL
@@ -205,9 +208,9 @@ class NodeAutonomy:
         if self._px4 is None:
             return
         try:
-            for cdr in self._inbox.words(MODE_TOPIC)[-1:]:
+            for cdr in self._inbox.words(MODE_TOPIC, self._limit)[-1:]:
                 self._px4.take_mode(cdr, t_s)
-            for cdr in self._inbox.words(COMMAND_TOPIC):
+            for cdr in self._inbox.words(COMMAND_TOPIC, self._limit):
                 (topic, build), is_end = self._px4.take_command(cdr)
                 self._topics.publish(topic, self._stamp(t_s), build)
                 self._is_done = self._is_done or (is_end and self.flying)
@@ -238,7 +241,7 @@ class NodeAutonomy:
             stamp_ns, after=before, within_s=self._rules.barrier_s, is_gone=self._is_gone
         )
         if answer is not None:
-            self._answer = answer
+            self._answer, self._until = answer.setpoint or self._answer, answer.until
         elif self.ended() is None:
             raise AutonomyFault(self._unanswered(topic, stamp_ns))
         else:
@@ -308,6 +311,11 @@ class NodeAutonomy:
     def _is_gone(self) -> bool:
         return self._node is not None and self._node.has_ended
 
+    @property
+    def _limit(self) -> int | None:
+        """Return which words are read by now; None for all, where nothing is answered."""
+        return None if self._is_done else self._until
+
     def _read_words(self) -> None:
         """Take what the node says beside its setpoints."""
         if (note := self._word(NOTE)) is not None:
@@ -318,7 +326,7 @@ class NodeAutonomy:
             self._abort(reason)
 
     def _word(self, topic: str) -> str | None:
-        cdr = self._inbox.word(topic)
+        cdr = self._inbox.word(topic, self._limit)
         if cdr is None:
             return None
         try:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from wil_campaign.plugins.ros2.messages.setpoint_messages import stamp_in, stamp_of
-from wil_campaign.plugins.ros2.messages.topics import WORDS
+from wil_campaign.plugins.ros2.messages.topics import ABORT, DONE, WORDS
 from wil_campaign.plugins.ros2.px4.px4_types import PX4_WORDS
 from wil_campaign.plugins.ros2.wire import InMessage
 
@@ -43,6 +43,17 @@ class Received:
     stamp_ns: int
 
 
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What ends the wait for an answer: a setpoint, or None for a word that ends the flight.
+
+    until: the words that came before this number of a setpoint belong to the answer.
+    """
+
+    setpoint: Received | None
+    until: int
+
+
 class SetpointInbox:
     """Keeps the newest setpoint of a node; `take` is called in threads of the wire.
 
@@ -54,7 +65,8 @@ class SetpointInbox:
         self._changed = threading.Condition()
         self._recent: deque[Received] = deque(maxlen=_KEPT)
         self._numbers = 0
-        self._words: dict[str, deque[bytes]] = {}
+        self._words: dict[str, deque[tuple[int, bytes]]] = {}
+        """By topic, each with the number of the newest setpoint before it."""
 
     def receive(self, message: InMessage) -> None:
         """Take a message of the node."""
@@ -72,7 +84,8 @@ class SetpointInbox:
             if topic.name in WORDS or topic.name in PX4_WORDS:
                 topic.used += 1
                 words = self._words.setdefault(topic.name, deque(maxlen=_KEPT))
-                words.append(message.cdr)
+                words.append((self._numbers, message.cdr))
+                self._changed.notify_all()
                 return
             self._numbers += 1
             stamp_ns = stamp_of(message.cdr, topic.type)
@@ -85,14 +98,21 @@ class SetpointInbox:
         with self._changed:
             return self._recent[-1] if self._recent else None
 
-    def word(self, name: str) -> bytes | None:
-        """Return the newest message of a topic of words, and forget it; None without one."""
-        return next(reversed(self.words(name)), None)
+    def word(self, name: str, until: int | None = None) -> bytes | None:
+        """Return the newest message of a topic of words, and forget them; None without one."""
+        return next(reversed(self.words(name, until)), None)
 
-    def words(self, name: str) -> list[bytes]:
-        """Return the messages of a topic of words, the newest last, and forget them."""
+    def words(self, name: str, until: int | None = None) -> list[bytes]:
+        """Return the messages of a topic of words, the newest last, and forget them.
+
+        until: number of a setpoint; what came after it is kept.
+        """
         with self._changed:
-            return list(self._words.pop(name, ()))
+            words = self._words.get(name, ())
+            found = []
+            while words and (until is None or words[0][0] < until):
+                found.append(words.popleft()[1])
+            return found
 
     def count(self) -> int:
         """Return how many setpoint messages have come: the number of the newest."""
@@ -101,23 +121,35 @@ class SetpointInbox:
 
     def await_answer(
         self, stamp_ns: int, *, after: int, within_s: float, is_gone: Callable[[], bool]
-    ) -> Received | None:
-        """Return the setpoint with a stamp, waiting in wall time; None where none comes in time.
+    ) -> Answer | None:
+        """Return what answers a message, waiting in wall time; None where nothing comes in time.
 
-        after: the number of the newest message before the one to be answered. is_gone: asked again
-        and again whether the node has ended.
+        It is a setpoint with the message's stamp, or a word before it that ends the flight: with
+        that a node owes no answer, and whether it gives one is a matter of the machine. after:
+        the number of the newest setpoint before the message. is_gone: asked again and again
+        whether the node has ended.
         """
         until_s = time.monotonic() + within_s
         with self._changed:
             while True:
-                for received in reversed(self._recent):
-                    if received.number <= after:
-                        break
-                    if received.stamp_ns == stamp_in(received.topic.type, stamp_ns):
-                        return received
+                setpoint = self._with_stamp(stamp_ns, after)
+                ends = [words[0][0] for name in (ABORT, DONE) if (words := self._words.get(name))]
+                if ends and (setpoint is None or min(ends) < setpoint.number):
+                    return Answer(None, min(ends) + 1)
+                if setpoint is not None:
+                    return Answer(setpoint, setpoint.number)
                 if time.monotonic() >= until_s or is_gone():
                     return None
                 self._changed.wait(_LOOK_S)
+
+    def _with_stamp(self, stamp_ns: int, after: int) -> Received | None:
+        """Return the newest setpoint with a stamp, of those after a number; None without one."""
+        for received in reversed(self._recent):
+            if received.number <= after:
+                return None
+            if received.stamp_ns == stamp_in(received.topic.type, stamp_ns):
+                return received
+        return None
 
     def troubles(self) -> list[str]:
         """Return in words what of the topics cannot be used."""

@@ -84,14 +84,23 @@ async def serve_and_look(folder: Path, look: Callable[[str], None]) -> None:
         time=time,
         playback=playback,
     )
-    playing = asyncio.create_task(RecordedRun(folder, playback).play(hub.receive))
+
+    async def beat() -> None:
+        """Send statuses, without which a page takes its server for gone and darkens."""
+        while True:
+            hub.show_status({"campaigns": [], "guards": [], "problem": ""})
+            await asyncio.sleep(0.5)
+
+    playing = RecordedRun(folder, playback).play(hub.receive)
+    tasks = {asyncio.create_task(playing), asyncio.create_task(beat())}
     try:
         async with TestServer(server.application(), port=port):
             link = f"http://127.0.0.1:{port}/#{access.invite('operator')}"
             await asyncio.to_thread(look, link)
     finally:
-        playing.cancel()
-        await asyncio.wait([playing])
+        for task in tasks:
+            task.cancel()
+        await asyncio.wait(tasks)
         sender.close()
 
 

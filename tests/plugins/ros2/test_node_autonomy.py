@@ -377,6 +377,38 @@ def test_time_waits_for_the_answer_to_each_message_of_the_barrier() -> None:
     assert answered.is_set()
 
 
+@pytest.mark.parametrize("topic", ["/wil/note", "/wil/done", "/wil/abort"])
+def test_a_word_after_an_answer_belongs_to_the_next_one(topic: str) -> None:
+    """How soon it comes is a matter of the machine, and time goes on with the answer."""
+    rig, word = barrier_rig(), RosMessages(TYPES).text("there")
+
+    def answer(name: str, cdr: bytes) -> None:
+        if name == "/odom" and not rig.inbox.newest:
+            data = twist(stamp_of_message(name, cdr), 1.0, 0.0, 0.0)
+            rig.inbox.receive(InMessage("/cmd_vel", TWIST, data, "a"))
+            rig.inbox.receive(InMessage(topic, TEXT, word))
+        elif name == "/odom" and topic == "/wil/note":
+            data = twist(stamp_of_message(name, cdr), 2.0, 0.0, 0.0)
+            rig.inbox.receive(InMessage("/cmd_vel", TWIST, data, "a"))
+
+    rig.wire.answer = answer
+    first = rig.act(10.0)
+    assert (first.note, first.done, rig.aborts) == ("", False, [])
+    # What ends the flight needs no answer: the node may be gone.
+    second = rig.act(10.05)
+    said = {"/wil/note": second.note, "/wil/abort": "".join(rig.aborts)}
+    assert second.done if topic == "/wil/done" else said[topic] == "there"
+
+
+def test_an_abort_after_the_node_is_done_is_read() -> None:
+    rig, make = barrier_rig(), RosMessages(TYPES)
+    rig.inbox.receive(InMessage("/wil/done", TEXT, make.text("")))
+    assert rig.act(10.0).done
+    rig.inbox.receive(InMessage("/wil/abort", TEXT, make.text("late")))
+    rig.act(10.05)
+    assert rig.aborts == ["late"]
+
+
 def test_setpoints_of_other_times_are_no_answers() -> None:
     rig = barrier_rig(within_s=0.2)
     rig.wire.answer = lambda topic, _: rig.send(11.0, 1.0, 0.0, 0.0)
