@@ -23,9 +23,9 @@ import numpy as np
 from bench.detector.images import HEIGHT_PX, NAMES, WIDTH_PX, LabelledImage, labelled_images
 from bench.detector.network import F32, STRIDE_PX, Network, loss, targets
 from bench.detector.onnx_file import onnx_bytes, read_weights
-from wil_campaign.vehicles.perception.detector import Detection, OnnxDetector
+from wil_campaign.plugins.detector.detector import Detection, OnnxDetector
 
-OUT = Path(__file__).parents[1] / "vehicles" / "perception" / "models" / "person-quadrotor.onnx"
+OUT = Path(__file__).parents[1] / "plugins" / "detector" / "models" / "person-quadrotor.onnx"
 TRAIN_SEED, HELD_SEED = 1, 1000
 EACH = 45
 HELD_SCENES, HELD_EACH = 15, 32

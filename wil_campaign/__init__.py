@@ -8,6 +8,7 @@ changelog. docs/python.md has examples. An autonomy, which a campaign flies, imp
 `wil_campaign.api` instead.
 """
 
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -148,11 +149,20 @@ if not (_CHECKOUT / "worlds").is_dir():  # unpacked without symbolic links, as b
 
 def __getattr__(name: str) -> object:
     """Return a public name, imported at its first use."""
-    for module, names in _MODULES.items():
+    found = globals()[name] = first_used(name, _MODULES, __name__)
+    return found
+
+
+def first_used(name: str, modules: Mapping[str, tuple[str, ...]], of: str) -> object:
+    """Return a name that is imported when it is first used.
+
+    modules: the names by module. of: the module whose attribute it is. Raises AttributeError, and
+    ImportError for a name of an absent plugin.
+    """
+    for module, names in modules.items():
         if name in names:
-            found = globals()[name] = getattr(_imported(module, name), name)
-            return found
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+            return getattr(_imported(module, name), name)
+    raise AttributeError(f"module {of!r} has no attribute {name!r}")
 
 
 def _imported(module: str, name: str) -> ModuleType:

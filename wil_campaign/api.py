@@ -5,6 +5,9 @@ modules are internal and may change. Coordinates are north-east-down metres of t
 angles radians, times seconds of the run clock, quaternions wxyz from body to NED, images BGR.
 """
 
+from typing import TYPE_CHECKING
+
+from wil_campaign import first_used
 from wil_campaign.recipes.model.registry import SidedParameters, step
 from wil_campaign.recipes.working import CannotMixError, Masked
 from wil_campaign.safety.oracles.limit_oracle import LimitOracle
@@ -17,9 +20,7 @@ from wil_campaign.vehicles.autonomy import (
     Telemetry,
 )
 from wil_campaign.vehicles.perception.blobs import Blob, BlobFinder, Borders, Box, Opening
-from wil_campaign.vehicles.perception.detector import Detection, DetectorError, OnnxDetector
 from wil_campaign.vehicles.perception.hsv import NAMED_COLORS, HsvMask, HsvRange
-from wil_campaign.vehicles.perception.shipped_detector import shipped_detector
 from wil_campaign.vehicles.poses.pose_history import PoseAt, PoseHistory
 from wil_campaign.vehicles.readings import (
     CameraReading,
@@ -57,6 +58,10 @@ from wil_campaign.worlds.frames import (
     subtract,
     wrap_pi,
 )
+
+if TYPE_CHECKING:
+    from wil_campaign.plugins.detector.detector import Detection, DetectorError, OnnxDetector
+    from wil_campaign.plugins.detector.shipped_detector import shipped_detector
 
 __all__ = [
     "NAMED_COLORS",
@@ -118,3 +123,15 @@ __all__ = [
     "subtract",
     "wrap_pi",
 ]
+
+_MODULES = {
+    "plugins.detector.detector": ("Detection", "DetectorError", "OnnxDetector"),
+    "plugins.detector.shipped_detector": ("shipped_detector",),
+}
+"""Where those of the names above are that only some files use."""
+
+
+def __getattr__(name: str) -> object:
+    """Return a name of a plugin, imported at its first use."""
+    found = globals()[name] = first_used(name, _MODULES, __name__)
+    return found

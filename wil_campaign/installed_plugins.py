@@ -26,6 +26,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "cluster": {"commands": ("bench", "bench check", "bench serve"), "engines": ("ray",)},
     "console": {"commands": ("console",), "live_views": ("console",)},
     "depth_cameras": {"sources": ("rtp", "realsense")},
+    "detector": {"recipe_steps": ("isolate_detections",)},
     "doctor": {"commands": ("doctor",)},
     "encounters": {"oracles": ("distance", "encounter")},
     "firmware": {"launches": ("px4",)},
@@ -67,7 +68,6 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "steps": {
         "recipe_steps": (
             "subtract_background",
-            "isolate_detections",
             "matte",
             "remove_outliers",
             "median",

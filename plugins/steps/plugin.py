@@ -11,9 +11,6 @@ def recipe_steps() -> tuple[RecipeStep, ...]:
             "subtract_background",
             "wil_campaign.plugins.steps.filter.background:subtract_background",
         ),
-        RecipeStep(
-            "isolate_detections", "wil_campaign.plugins.steps.filter.detections:isolate_detections"
-        ),
         RecipeStep("matte", "wil_campaign.plugins.steps.filter.mattes:matte"),
         RecipeStep("remove_outliers", "wil_campaign.plugins.steps.filter.outliers:remove_outliers"),
         RecipeStep("median", "wil_campaign.plugins.steps.filter.outliers:median"),

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from wil_campaign.plugins.detector.detector import Detection
 from wil_campaign.vehicles.autonomy import Autonomy, Command, Telemetry
-from wil_campaign.vehicles.perception.detector import Detection
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
 from wil_campaign.worlds.camera import Intrinsics

@@ -16,8 +16,8 @@ from tests.campaigns.autonomies.point_mass import (
     fly,
 )
 from wil_campaign.campaigns.autonomies.avoid import AvoidAutonomy, line_slope
+from wil_campaign.plugins.detector.detector import Detection
 from wil_campaign.vehicles.autonomy import Telemetry
-from wil_campaign.vehicles.perception.detector import Detection
 from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.worlds.frames import Pose, Vec3
 

@@ -23,6 +23,7 @@ from wil_campaign.orchestrator.report.reading.event_log import read_event_log
 from wil_campaign.orchestrator.report.reading.recorded_sights import read_sights
 from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
 from wil_campaign.plugins.cameras.image_files import VideoFile
+from wil_campaign.plugins.detector.detector import DetectorError, OnnxDetector
 from wil_campaign.plugins.meshes.mesh_reader import load_mesh_shape
 from wil_campaign.plugins.offline.errors import OfflineError
 from wil_campaign.plugins.offline.recorded_inputs import items
@@ -34,7 +35,6 @@ from wil_campaign.recipes.language.recipe_document import load_recipe
 from wil_campaign.safety.evaluation.judge_log import JudgeLogError, read_judge_log
 from wil_campaign.safety.fence.fence_files import read_fence_file
 from wil_campaign.vehicles.embedded.profile import ProfileError, load_profile
-from wil_campaign.vehicles.perception.detector import DetectorError, OnnxDetector
 from wil_campaign.vehicles.sources.camera_source import SourceError
 from wil_campaign.worlds.scene.mesh_formats import MeshFileError
 from wil_campaign.worlds.world_file.world import World
@@ -250,7 +250,7 @@ def _histories(folder: Path) -> Prepared:
 
 
 def _networks(folder: Path) -> Prepared:
-    seeds = _files("vehicles/perception/models/*.onnx")
+    seeds = _files("plugins/detector/models/*.onnx")
     image = np.zeros((240, 320, 3), np.uint8)
 
     def detect(path: Path) -> None:

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from wil_campaign.foundation.files.lfs import LFS_POINTER, is_lfs_file
 from wil_campaign.foundation.files.paths import is_file
-from wil_campaign.vehicles.perception.instance_masks import instance_mask, prototypes_of
-from wil_campaign.vehicles.perception.network_trial import refusal, short_text
-from wil_campaign.vehicles.perception.onnx_names import class_names
+from wil_campaign.plugins.detector.instance_masks import instance_mask, prototypes_of
+from wil_campaign.plugins.detector.network_trial import refusal, short_text
+from wil_campaign.plugins.detector.onnx_names import class_names
 from wil_campaign.vehicles.readings import BgrImage, Mask
 
 Layout = Literal["auto", "v5", "v8", "end2end"]

@@ -1,7 +1,7 @@
 """Tests an ONNX file in a short-lived process, before any other process loads it.
 
 OpenCV's reader ends its process on some damaged files, and a network may take any memory and time.
-A program of its own, `python -m wil_campaign.vehicles.perception.network_trial FILE WIDTH HEIGHT
+A program of its own, `python -m wil_campaign.plugins.detector.network_trial FILE WIDTH HEIGHT
 MEGABYTES`; prints the step that failed and OpenCV's error, or nothing.
 """
 
@@ -51,7 +51,7 @@ def _refusal(path: Path, input_px: tuple[int, int], size_bytes: int, changed_ns:
     words = (str(path), *map(str, input_px), str(memory_mb))
     try:
         tried = subprocess.run(  # noqa: S603 - our own program
-            [sys.executable, "-P", "-m", "wil_campaign.vehicles.perception.network_trial", *words],
+            [sys.executable, "-P", "-m", "wil_campaign.plugins.detector.network_trial", *words],
             check=False,
             capture_output=True,
             text=True,

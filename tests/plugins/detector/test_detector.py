@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.vehicles.tiny_onnx import INPUT_PX, NAMES, noise, tiny_detector, truncated
-from wil_campaign.vehicles.perception import network_trial
-from wil_campaign.vehicles.perception.detector import (
+from wil_campaign.plugins.detector import network_trial
+from wil_campaign.plugins.detector.detector import (
     Candidates,
     DetectorError,
     OnnxDetector,
@@ -18,7 +18,7 @@ from wil_campaign.vehicles.perception.detector import (
     letterboxed,
     surest,
 )
-from wil_campaign.vehicles.perception.onnx_names import class_names
+from wil_campaign.plugins.detector.onnx_names import class_names
 
 Kind = Literal["v5", "v8", "end2end"]
 
@@ -193,10 +193,10 @@ def test_a_class_without_a_name_is_an_error_that_says_so(tmp_path: Path) -> None
     options: Any = {"input_px": (INPUT_PX, INPUT_PX), "layout": "end2end"}
     found = OnnxDetector(path, names=NAMES, **options)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("wil_campaign.vehicles.perception.detector.decoded", _of_classes(1, 2))
+        patch.setattr("wil_campaign.plugins.detector.detector.decoded", _of_classes(1, 2))
         with pytest.raises(DetectorError, match=r"found class 2, but has 2 names \(classes 0 to 1"):
             found.detect(picture())
-        patch.setattr("wil_campaign.vehicles.perception.detector.decoded", _of_classes(-1))
+        patch.setattr("wil_campaign.plugins.detector.detector.decoded", _of_classes(-1))
         with pytest.raises(DetectorError, match="found class -1"):
             found.detect(picture())
 

@@ -6,7 +6,7 @@ what it finds and misses. It is not for photographs.
 
 from pathlib import Path
 
-from wil_campaign.vehicles.perception.detector import OnnxDetector
+from wil_campaign.plugins.detector.detector import OnnxDetector
 
 NAMES = ("person", "quadrotor")
 _FILE = Path(__file__).parent / "models" / "person-quadrotor.onnx"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from wil_campaign.foundation.files.documents import load
-from wil_campaign.vehicles.perception.shipped_detector import NAMES, shipped_detector
+from wil_campaign.plugins.detector.shipped_detector import NAMES, shipped_detector
 from wil_campaign.vehicles.readings import BgrImage
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose

@@ -8,10 +8,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from wil_campaign.foundation.files.documents import KeyFaultError, closest
+from wil_campaign.plugins.detector.detector import DetectorError, Layout, OnnxDetector
 from wil_campaign.recipes.model.registry import Context, ParameterFault, SidedParameters, step
 from wil_campaign.recipes.operations.masks import intersect_masks
 from wil_campaign.recipes.working import AnyMasked, Masked, Operator
-from wil_campaign.vehicles.perception.detector import DetectorError, Layout, OnnxDetector
 from wil_campaign.vehicles.readings import CameraReading, Mask
 
 InputPx = Annotated[int, Field(ge=16, le=4096)]
