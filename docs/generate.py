@@ -38,7 +38,7 @@ TITLES: dict[str, tuple[str, ...]] = {
     "A step of a recipe": ("wil_campaign.recipes",),
     "A sensor type": ("wil_campaign.vehicles.sensors",),
     "An oracle": ("wil_campaign.safety.oracles",),
-    "Detectors": ("wil_campaign.vehicles.perception",),
+    "Detectors": ("wil_campaign.vehicles.perception", "wil_campaign.plugins.detector"),
     "Poses and frames": ("wil_campaign.worlds.frames", "wil_campaign.vehicles.poses"),
 }
 """Titles of api.md, each with the modules or packages from which wil_campaign.api has its names."""
@@ -53,8 +53,13 @@ def sections() -> Iterator[tuple[str, str, tuple[str, ...]]]:
 
     Raises LookupError for a name that no title of TITLES takes.
     """
-    imports = [one for one in module_tree(USERS).body if isinstance(one, ast.ImportFrom)]
-    left = {alias.name: str(one.module) for one in imports for alias in one.names}
+    imports = [one for one in ast.walk(module_tree(USERS)) if isinstance(one, ast.ImportFrom)]
+    left = {
+        alias.name: str(one.module)
+        for one in imports
+        for alias in one.names
+        if str(one.module).startswith("wil_campaign.")
+    }
     for title, sources in TITLES.items():
         here = [
             name
