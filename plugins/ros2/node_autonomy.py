@@ -119,6 +119,8 @@ class NodeAutonomy:
         self._setpoint: Setpoint = _STILL
         self._note = ""
         self._is_done = False
+        self._owes_answers = True
+        """Whether the node has to answer what the barrier names: not after its end or abort."""
         self._windows: dict[str, tuple[float, int, int]] = {}
         self._is_answered = True
         self._has_left = False
@@ -184,6 +186,7 @@ class NodeAutonomy:
         t_s: without it, of a node that has ended, all that it said counts.
         """
         if (reason := self._word(ABORT, t_s)) is not None:
+            self._owes_answers = False
             self._abort(reason)
 
     def report(self, telemetry: Telemetry, *, is_answered: bool = True) -> None:
@@ -225,7 +228,8 @@ class NodeAutonomy:
             for cdr in self._inbox.words(COMMAND_TOPIC, self._limit(t_s)):
                 (topic, build), is_end = self._px4.take_command(cdr)
                 self._topics.publish(topic, self._stamp(t_s), build)
-                self._is_done = self._is_done or (is_end and self.flying)
+                if is_end and self.flying:
+                    self._is_done, self._owes_answers = True, False
         except BadMessageError as error:
             raise AutonomyFault(f"published to /fmu/in a message that {error}") from None
 
@@ -242,7 +246,7 @@ class NodeAutonomy:
     def _publish(self, topic: str, stamp_ns: int, build: Callable[[], bytes]) -> None:
         """Publish a message; wait for its answer where it is one that is answered."""
         before = self._inbox.count()
-        is_awaited = self._is_answered and not self._is_done and topic in self._rules.barrier
+        is_awaited = self._is_answered and self._owes_answers and topic in self._rules.barrier
         is_sent = self._topics.publish(topic, stamp_ns, build)
         if not is_awaited:
             return
@@ -326,7 +330,7 @@ class NodeAutonomy:
 
     def _limit(self, t_s: float) -> int | None:
         """Return which words are read by now; None for all, where nothing is answered."""
-        is_held = not self._is_done and t_s - self._answered_s < _HELD_S
+        is_held = self._owes_answers and t_s - self._answered_s < _HELD_S
         return self._until if is_held else None
 
     def _read_words(self, t_s: float) -> None:
@@ -334,7 +338,7 @@ class NodeAutonomy:
         if (note := self._word(NOTE, t_s)) is not None:
             self._note = note
         if self._word(DONE, t_s) is not None:
-            self._is_done = True
+            self._is_done, self._owes_answers = True, False
         self.hear_abort(t_s)
 
     def _word(self, topic: str, t_s: float) -> str | None:

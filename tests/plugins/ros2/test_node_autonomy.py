@@ -461,6 +461,17 @@ def test_a_word_is_not_held_back_where_nothing_is_to_be_answered_any_more(topic:
     assert command.done if topic == "/wil/done" else said[topic] == "there"
 
 
+def test_a_node_that_has_aborted_owes_no_answers() -> None:
+    """It may be silent from then on, and images go on while the vehicles land."""
+    rig = barrier_rig(0.2)
+    rig.wire.answer = lambda name, _: abort(rig, "low battery") if name == "/odom" else None
+    rig.act(10.0)
+    assert rig.aborts == ["low battery"]
+    rig.wire.answer = lambda *_: None
+    rig.autonomy.perceive(camera(10.1))
+    rig.autonomy.report(telemetry(10.2))
+
+
 def test_setpoints_of_other_times_are_no_answers() -> None:
     rig = barrier_rig(within_s=0.2)
     rig.wire.answer = lambda topic, _: rig.send(11.0, 1.0, 0.0, 0.0)
