@@ -415,7 +415,7 @@ def abort(rig: Rig, reason: str) -> None:
 
 @pytest.mark.parametrize("exit_code", [0, 3])
 @pytest.mark.parametrize("barrier", [True, False])
-def test_an_abort_is_heard_of_a_node_that_ends_after_it(exit_code: int, *, barrier: bool) -> None:
+def test_an_abort_is_read_of_a_node_that_ends_after_it(exit_code: int, *, barrier: bool) -> None:
     """It said so after its answer, and is gone before the next message."""
     rig = barrier_rig(0.2) if barrier else Rig()
 
