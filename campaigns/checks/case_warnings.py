@@ -11,7 +11,11 @@ from wil_campaign.campaigns.checks.limit_warnings import (
     room_warnings,
     rooms,
 )
-from wil_campaign.campaigns.checks.mixture_warnings import unmixed_objects, wide_registration_limits
+from wil_campaign.campaigns.checks.mixture_warnings import (
+    nothing_isolated,
+    unmixed_objects,
+    wide_registration_limits,
+)
 from wil_campaign.campaigns.checks.place_checks import judged_world
 from wil_campaign.campaigns.schema import Mode, VehicleName
 from wil_campaign.campaigns.setup.case_files import CaseFiles
@@ -147,6 +151,7 @@ def caveats_of(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iterato
     yield from _unperceived_mixture(files, case, modes)
     if "wil" in modes:
         yield from wide_registration_limits(files, case)
+        yield from nothing_isolated(files, case)
     yield from estimated_actors(files.campaign, case, modes)
     for mode in modes:
         scene = case.world.scene(mode, judged_world(mode))

@@ -38,6 +38,21 @@ def wide_registration_limits(files: CaseFiles, case: Case) -> Iterator[Problem]:
         yield files.recipe.problem((*combination.path, "max_registration_error_px"), message)
 
 
+def nothing_isolated(files: CaseFiles, case: Case) -> Iterator[Problem]:
+    """Yield a warning for each combination whose isolated objects the virtual world all lacks."""
+    if case.recipe is None or files.recipe is None:
+        return
+    there = set(case.world.scene("wil", "Wv").names)
+    for combination in case.recipe.combinations:
+        named = combination.isolated()
+        if named and not named & there:
+            names = ", ".join(f"'{name}'" for name in sorted(named))
+            message = f"isolates {names} alone, and Wv in mode wil has nothing of it"
+            yield files.recipe.problem(
+                (*combination.path, "filter"), f"{message}: nothing is mixed in", key=True
+            )
+
+
 def unmixed_objects(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """Yield a warning for virtual objects that no combination of the recipe mixes in.
 

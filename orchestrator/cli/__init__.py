@@ -17,7 +17,7 @@ from cyclopts import App, CycloptsError, Group, MissingArgumentError, Parameter
 
 from wil_campaign import hooks
 from wil_campaign.hooks import Command, HelpSection
-from wil_campaign.installed_plugins import absent, added
+from wil_campaign.installed_plugins import absent, added, needed_by
 from wil_campaign.orchestrator.cli.standard_streams import StreamError, err, repair_standard_streams
 
 USAGE_ERROR = 2
@@ -250,6 +250,9 @@ def _report_failure(error: BaseException) -> int:
             )
 
             announce_problems(error.problems, error.warnings)
+        return USAGE_ERROR
+    if text := needed_by("this command", error):
+        err(text)
         return USAGE_ERROR
     trace = "".join(traceback.format_exception(error))
     if os.environ.get("WIL_DEBUG") == "1":

@@ -111,7 +111,7 @@ def status_line(place: Place, status: dict[str, Any]) -> str:
     verdicts = list(status["finished"].values())
     counts = ", ".join(f"{verdicts.count(verdict)} {verdict}" for verdict in sorted(set(verdicts)))
     flying = "; ".join(
-        f"{name}{_where(run)}: {run['stage']}, {run['verdict_so_far'] or 'no failure'} so far"
+        f"{name}{_where(run)}: {run['stage']}, {run['verdict_so_far'] or 'nothing decided'} so far"
         for name, run in status["flying"].items()
     )
     held = " (held)" if status["held"] else " (landing)" if status["stopped"] else ""

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
+import cv2
 from numpy.typing import NDArray
 
 from wil_campaign.foundation.files.documents import BadInput
@@ -103,7 +104,10 @@ class RecordedImages:
         drawer = self._drawer(source)
         why = self._refused.get(source, "")
         if drawer is not None:
-            found = _draw(drawer.again, document)
+            try:
+                found = _draw(drawer.again, document)
+            except (OverflowError, cv2.error) as error:  # of numbers, or a lens, that no flight has
+                raise ValueError(str(error)) from error
             if found is not None:
                 return found
             why = self._why_other(source, drawer)

@@ -14,7 +14,7 @@ from wil_campaign import hooks
 from wil_campaign.foundation.files.document_writer import write_whole
 from wil_campaign.foundation.processes.linux import usable_cores
 from wil_campaign.hooks import ReportSection, RunSection, Section
-from wil_campaign.installed_plugins import added, load
+from wil_campaign.installed_plugins import added, load, needed_by
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
 from wil_campaign.orchestrator.recording.timestamps import utc_text
@@ -151,7 +151,8 @@ def _section(
     try:
         found: Section = load(wanted.section)(folder, what)
     except Exception as error:  # noqa: BLE001 - a plugin may raise anything
-        why = f"the section {wanted.name} is left out: {type(error).__name__}: {error}"
+        text = needed_by("it", error) or f"{type(error).__name__}: {error}"
+        why = f"the section {wanted.name} is left out: {text}"
         return Section(problems=(why,))
     return found
 

@@ -57,6 +57,8 @@ _PAST_S = 1.0
 """By how much a setpoint's stamp may differ from now."""
 _BLIND_S = 2.0
 _LOOK_S = 0.01
+_HELD_S = 1.0
+"""For how long a word waits for the next answer: a camera may have stopped."""
 _AGAIN_S = 1.0
 """How often latched messages are published again: late subscribers of zenoh miss them."""
 
@@ -111,11 +113,14 @@ class NodeAutonomy:
         self._until: int | None = None
         """Number of the setpoint before which a word must have come: of what a node says after
         its answer, the machine decides when it comes, and it belongs to the next answer."""
+        self._answered_s = float("-inf")
         self._used, self._refused = 0, ""
         self._fresh_s: float | None = None
         self._setpoint: Setpoint = _STILL
         self._note = ""
         self._is_done = False
+        self._owes_answers = True
+        """Whether the node has to answer what the barrier names: not after its end or abort."""
         self._windows: dict[str, tuple[float, int, int]] = {}
         self._is_answered = True
         self._has_left = False
@@ -157,7 +162,7 @@ class NodeAutonomy:
         self.report(telemetry)
         if self._has_left and (ended := self.ended()) is not None:
             return ended
-        self._read_words()
+        self._read_words(telemetry.t_s)
         self._answer_px4(telemetry.t_s)
         self._watch_needs(telemetry.t_s)
         self._receive_setpoint(telemetry)
@@ -170,9 +175,19 @@ class NodeAutonomy:
         """
         if self._node is None or not self._node.has_ended:
             return None
+        self.hear_abort()
         if self._node.exit_code == 0:
             return Command(_STILL, done=True, note=self._note or "the node ended")
         raise AutonomyFault(f"is a node that {self._node}: {self._node.last_lines()}")
+
+    def hear_abort(self, t_s: float = float("inf")) -> None:
+        """Abort the run where the node asks for it, at any stage. Raises AutonomyFault.
+
+        t_s: without it, of a node that has ended, all that it said counts.
+        """
+        if (reason := self._word(ABORT, t_s)) is not None:
+            self._owes_answers = False
+            self._abort(reason)
 
     def report(self, telemetry: Telemetry, *, is_answered: bool = True) -> None:
         """Publish the telemetry: clock, transforms, pose, odometry; and what is latched.
@@ -208,12 +223,13 @@ class NodeAutonomy:
         if self._px4 is None:
             return
         try:
-            for cdr in self._inbox.words(MODE_TOPIC, self._limit)[-1:]:
+            for cdr in self._inbox.words(MODE_TOPIC, self._limit(t_s))[-1:]:
                 self._px4.take_mode(cdr, t_s)
-            for cdr in self._inbox.words(COMMAND_TOPIC, self._limit):
+            for cdr in self._inbox.words(COMMAND_TOPIC, self._limit(t_s)):
                 (topic, build), is_end = self._px4.take_command(cdr)
                 self._topics.publish(topic, self._stamp(t_s), build)
-                self._is_done = self._is_done or (is_end and self.flying)
+                if is_end and self.flying:
+                    self._is_done, self._owes_answers = True, False
         except BadMessageError as error:
             raise AutonomyFault(f"published to /fmu/in a message that {error}") from None
 
@@ -230,7 +246,7 @@ class NodeAutonomy:
     def _publish(self, topic: str, stamp_ns: int, build: Callable[[], bytes]) -> None:
         """Publish a message; wait for its answer where it is one that is answered."""
         before = self._inbox.count()
-        is_awaited = self._is_answered and not self._is_done and topic in self._rules.barrier
+        is_awaited = self._is_answered and self._owes_answers and topic in self._rules.barrier
         is_sent = self._topics.publish(topic, stamp_ns, build)
         if not is_awaited:
             return
@@ -242,6 +258,7 @@ class NodeAutonomy:
         )
         if answer is not None:
             self._answer, self._until = answer.setpoint or self._answer, answer.until
+            self._answered_s = self._clock_s
         elif self.ended() is None:
             raise AutonomyFault(self._unanswered(topic, stamp_ns))
         else:
@@ -311,22 +328,21 @@ class NodeAutonomy:
     def _is_gone(self) -> bool:
         return self._node is not None and self._node.has_ended
 
-    @property
-    def _limit(self) -> int | None:
+    def _limit(self, t_s: float) -> int | None:
         """Return which words are read by now; None for all, where nothing is answered."""
-        return None if self._is_done else self._until
+        is_held = self._owes_answers and t_s - self._answered_s < _HELD_S
+        return self._until if is_held else None
 
-    def _read_words(self) -> None:
+    def _read_words(self, t_s: float) -> None:
         """Take what the node says beside its setpoints."""
-        if (note := self._word(NOTE)) is not None:
+        if (note := self._word(NOTE, t_s)) is not None:
             self._note = note
-        if self._word(DONE) is not None:
-            self._is_done = True
-        if (reason := self._word(ABORT)) is not None:
-            self._abort(reason)
+        if self._word(DONE, t_s) is not None:
+            self._is_done, self._owes_answers = True, False
+        self.hear_abort(t_s)
 
-    def _word(self, topic: str) -> str | None:
-        cdr = self._inbox.word(topic, self._limit)
+    def _word(self, topic: str, t_s: float) -> str | None:
+        cdr = self._inbox.word(topic, self._limit(t_s))
         if cdr is None:
             return None
         try:

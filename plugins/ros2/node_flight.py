@@ -167,6 +167,7 @@ class _NodeFlight:
         for name, topic in self._inbox.topics.items():
             wire.listen(name, topic.type, self._inbox.receive)
         self._node: NodeProcess | None = None
+        self._autonomy: NodeAutonomy | None = None
         self._is_ready = False
 
     def environment(self, domain: int) -> dict[str, str]:
@@ -210,6 +211,7 @@ class _NodeFlight:
             abort=partial(self._decide_once, "ABORTED", "asked for an abort: "),
             px4=px4,
         )
+        self._autonomy = autonomy
         if px4 is not None:
             self._run_state.on_stage(lambda stage, _: px4.enter(stage))
         autonomy.latch(GOAL, json.dumps(dict(self._setup.case.under_test.goal)))
@@ -239,10 +241,11 @@ class _NodeFlight:
             tick = max(tick + 1, int((self._loop.time() - t0_s) / period_s))
             await sleep_until(t0_s + tick * period_s)
             telemetry = self._context.telemetry()
-            if telemetry is None or telemetry.t_s < autonomy.acted_s + 1.9 * period_s:
-                continue
-            publish = partial(autonomy.report, telemetry, is_answered=not autonomy.flying)
             try:
+                autonomy.hear_abort(self._loop.time())
+                if telemetry is None or telemetry.t_s < autonomy.acted_s + 1.9 * period_s:
+                    continue
+                publish = partial(autonomy.report, telemetry, is_answered=not autonomy.flying)
                 if self._setup.clock == "wall":
                     await self._loop.run_in_executor(None, publish)
                 else:
@@ -313,6 +316,11 @@ class _NodeFlight:
         if node is None or is_done or not self._is_ready:
             return
         fault = AutonomyFault(f"is a node that {node}: {node.last_lines()}")
+        try:
+            if self._autonomy is not None:
+                self._autonomy.hear_abort()
+        except AutonomyFault as unreadable:
+            fault = unreadable
         decide_fault(state, self._name, fault)
 
     def _decide_once(self, kind: DecisiveKind, prefix: str, text: str) -> None:

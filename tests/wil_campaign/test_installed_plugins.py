@@ -980,24 +980,36 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     assert absent(hooks.commands) == {}
 
 
-def test_a_plugin_says_which_other_one_it_lacks(tmp_path: Path) -> None:
-    """It said: No module named 'wil_campaign.plugins.firmware'."""
-    plugins = tmp_path / "wil_campaign" / "plugins"
-    plugins.mkdir(parents=True)
+def run_without(plugins: set[str], code: str, folder: Path) -> "subprocess.CompletedProcess[str]":
+    """Run Python with the program as in a tree without some plugins."""
+    there = folder / "wil_campaign" / "plugins"
+    there.mkdir(parents=True)
     for path in (ROOT / "plugins").iterdir():
-        if path.name not in {"firmware", "cameras", "stl"}:
-            (plugins / path.name).symlink_to(path)
-    (tmp_path / "wil_campaign" / "__init__.py").write_text(WITHOUT_SOME.format(home=ROOT))
-    done = subprocess.run(  # noqa: S603 - our own interpreter
-        [
-            *(sys.executable, "-P", "-c"),
-            LACKING.format(gate=str(ROOT / "campaigns" / "gate.yaml")),
-        ],
-        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        if path.name not in plugins:
+            (there / path.name).symlink_to(path)
+    (folder / "wil_campaign" / "__init__.py").write_text(WITHOUT_SOME.format(home=ROOT))
+    return subprocess.run(  # noqa: S603 - our own interpreter
+        [sys.executable, "-P", "-c", code],
+        env={**os.environ, "PYTHONPATH": str(folder)},
         capture_output=True,
         text=True,
         check=True,
     )
+
+
+def test_a_command_says_which_other_plugin_it_lacks(tmp_path: Path) -> None:
+    """It was an internal error, with a traceback."""
+    code = "from wil_campaign.orchestrator.cli import main; assert main(['replay', 'run']) == 2"
+    done = run_without({"python"}, code, tmp_path)
+    assert done.stderr.startswith(
+        "this command needs the plugin python, which is not installed: pip install "
+    )
+
+
+def test_a_plugin_says_which_other_one_it_lacks(tmp_path: Path) -> None:
+    """It said: No module named 'wil_campaign.plugins.firmware'."""
+    code = LACKING.format(gate=str(ROOT / "campaigns" / "gate.yaml"))
+    done = run_without({"firmware", "cameras", "stl"}, code, tmp_path)
     said = "plugin ardupilot (shipped): launches(): "
     said += "wil_campaign.plugins.ardupilot.launch:ArduPilotLaunchPart cannot be used: it needs "
     assert f"{said}the plugin firmware, which is not installed: pip install " in done.stderr

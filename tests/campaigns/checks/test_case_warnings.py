@@ -273,6 +273,17 @@ def test_a_recipe_that_mixes_all_or_says_what_it_shows_is_not_warned_of(
     assert warned(files) == []
 
 
+def test_a_recipe_that_isolates_only_what_the_virtual_world_lacks_is_a_caveat(files: Any) -> None:
+    """The mixture is the real image then, and whatever is passed is passed without the object."""
+    files.append(INTRUDER.replace("wil: Wv", "wil: none"), file="world.yaml")
+    files.change("[gate]", "[intruder]", file="recipe.yaml")
+    text = "isolates 'intruder' alone, and Wv in mode wil has nothing of it: nothing is mixed in"
+    assert warned(files) == [f"recipe.yaml:5:5: {text}"]
+    assert files.load().caveats == (text,)
+    files.change("[intruder]", "[gate, intruder]", file="recipe.yaml")
+    assert warned(files) == []
+
+
 def test_an_object_of_the_goal_that_shows_leaves_out_is_warned_of(files: Any) -> None:
     files.append(INTRUDER, file="world.yaml")
     files.change("    color: orange\n", "    color: orange\n" + EXISTS, file="world.yaml")
@@ -340,9 +351,12 @@ def test_objects_that_stand_nowhere_are_warned_of(files: Any) -> None:
     files.change("goal: {altitude_m: 1.2, gates: [gate]}", "goal: {altitude_m: 1.2}")
     files.change("  reached: {}\n", "")
     assert [one.partition(": ")[2] for one in warned(files)] == [
-        f"in mode {mode} no object of the world exists in Wv: no contact is possible "
-        "(see exists_in)"
-        for mode in ("sim", "wil")
+        "isolates 'gate' alone, and Wv in mode wil has nothing of it: nothing is mixed in",
+        *(
+            f"in mode {mode} no object of the world exists in Wv: no contact is possible "
+            "(see exists_in)"
+            for mode in ("sim", "wil")
+        ),
     ]
 
 

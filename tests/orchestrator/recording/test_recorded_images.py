@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 import tracemalloc
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -251,6 +252,9 @@ def test_the_noise_of_many_runs_is_not_kept() -> None:
         (("drawing", "camera_pose", "q_wxyz"), [None, 0, 0, 0], "a quaternion of"),
         (("drawing", "camera_pose", "position_ned_m"), [None, 0, 0], "a position of"),
         (("drawing", "effects", "noise_roll_px"), [500, 0], "noise that is moved by"),
+        (("drawing", "effects", "noise_roll_px"), [math.inf, 0], "infinity"),
+        pytest.param(("drawing", "effects", "gain"), 10**400, "too large", id="large"),
+        (("intrinsics", "distortion"), [0.1, 0.1, 0.1], "OpenCV"),
     ],
 )
 def test_a_drawing_that_no_flight_made_is_refused_before_it_crashes_the_renderer(

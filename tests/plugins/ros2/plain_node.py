@@ -254,6 +254,23 @@ class OffboardFlight:
         self.publish("TrajectorySetpoint", timestamp=stamp_us, position=place, yaw=np.nan)
 
 
+class AbortingFlight:
+    """Hovers, and asks for an abort after its answer to an odometry. leaves: and ends at once."""
+
+    def __init__(self, node: Node, *, at: int, leaves: bool) -> None:
+        self.publish = node.publisher("/cmd_vel", TWIST)
+        self.abort = node.publisher("/wil/abort", TEXT)
+        self.at, self.leaves, self.done = at, leaves, False
+        node.subscribe("/odom", ODOMETRY, self.odometry)
+
+    def odometry(self, message: Any) -> None:
+        self.publish(twist(message.header.stamp, 0.0, 0.0, 0.0))
+        self.at -= 1
+        if self.at == 0:
+            self.abort(of(TEXT, "low battery"))
+            self.done = self.leaves
+
+
 def main(behaviour: str) -> int:
     if behaviour == "dead":
         sys.exit("the node has no model")
@@ -271,6 +288,11 @@ def main(behaviour: str) -> int:
         stays = behaviour == "stays"
         node.spin(lambda: straight.done and (not stays or done(of(TEXT, "there")) is not None))
         sys.stdout.write(f"flew to {os.environ['WIL_GOAL']} as {os.environ['WIL_VEHICLE']}\n")
+        return 0
+    if behaviour.startswith("aborts"):
+        at, leaves = (5, False) if behaviour == "aborts_early" else (300, True)
+        aborting = AbortingFlight(node, at=at, leaves=leaves)
+        node.spin(lambda: aborting.done)
         return 0
     if behaviour == "px4":
         offboard = OffboardFlight(node, Path(sys.argv[2]))

@@ -409,6 +409,69 @@ def test_an_abort_after_the_node_is_done_is_read() -> None:
     assert rig.aborts == ["late"]
 
 
+def abort(rig: Rig, reason: str) -> None:
+    rig.inbox.receive(InMessage("/wil/abort", TEXT, RosMessages(TYPES).text(reason)))
+
+
+@pytest.mark.parametrize("exit_code", [0, 3])
+@pytest.mark.parametrize("barrier", [True, False])
+def test_an_abort_is_read_of_a_node_that_ends_after_it(exit_code: int, *, barrier: bool) -> None:
+    """It said so after its answer, and is gone before the next message."""
+    rig = barrier_rig(0.2) if barrier else Rig()
+
+    def answer(name: str, _: bytes) -> None:
+        if name == "/odom":
+            rig.send(10.0, 1.0, 0.0, 0.0)
+            abort(rig, "low battery")
+
+    if barrier:
+        rig.wire.answer = answer
+    rig.act(10.0)
+    if not barrier:
+        abort(rig, "low battery")
+    rig.wire.subscribed.clear()
+    rig.node.exit_code = exit_code
+    if exit_code:
+        with pytest.raises(AutonomyFault, match="ended with exit code 3"):
+            rig.act(10.05)
+    else:
+        assert rig.act(10.05).done
+    assert rig.aborts == ["low battery"]
+
+
+@pytest.mark.parametrize("topic", ["/wil/note", "/wil/done", "/wil/abort"])
+def test_a_word_is_not_held_back_where_nothing_is_to_be_answered_any_more(topic: str) -> None:
+    """The camera that time waits for has stopped."""
+    rig = Rig(NodeRules(barrier=frozenset({"/camera/image_raw"}), barrier_s=0.2))
+
+    def answer(name: str, cdr: bytes) -> None:
+        if name == "/camera/image_raw":
+            rig.send(10.0, 1.0, 0.0, 0.0)
+            rig.inbox.receive(InMessage(topic, TEXT, RosMessages(TYPES).text("there")))
+
+    rig.wire.answer = answer
+    rig.act(9.95)
+    rig.autonomy.perceive(camera(10.0))
+    for tick in range(15):
+        command = rig.act(10.0 + tick / 20)
+        assert (command.note, command.done, rig.aborts) == ("", False, [])
+    for tick in range(15, 25):
+        command = rig.act(10.0 + tick / 20)
+    said = {"/wil/note": command.note, "/wil/abort": "".join(rig.aborts)}
+    assert command.done if topic == "/wil/done" else said[topic] == "there"
+
+
+def test_a_node_that_has_aborted_owes_no_answers() -> None:
+    """It may be silent from then on, and images go on while the vehicles land."""
+    rig = barrier_rig(0.2)
+    rig.wire.answer = lambda name, _: abort(rig, "low battery") if name == "/odom" else None
+    rig.act(10.0)
+    assert rig.aborts == ["low battery"]
+    rig.wire.answer = lambda *_: None
+    rig.autonomy.perceive(camera(10.1))
+    rig.autonomy.report(telemetry(10.2))
+
+
 def test_setpoints_of_other_times_are_no_answers() -> None:
     rig = barrier_rig(within_s=0.2)
     rig.wire.answer = lambda topic, _: rig.send(11.0, 1.0, 0.0, 0.0)

@@ -144,6 +144,16 @@ def test_a_node_of_px4_msgs_arms_climbs_and_lands_by_its_commands(
     assert -2.2 < min(down) < -1.9
 
 
+@pytest.mark.parametrize("behaviour", ["aborts_early", "aborts_and_leaves"])
+def test_a_node_aborts_at_any_stage_and_where_it_ends_itself(fly_run: Fly, behaviour: str) -> None:
+    result, folder = fly_run(mode="sim", sets=(node(behaviour, "/odom"), STRAIGHT))
+    assert result.verdict == "ABORTED", result.reason
+    assert "asked for an abort: low battery" in result.reason
+    assert all_landed(folder)
+    stages = [event["stage"] for event in log_of(folder) if "stage" in event]
+    assert ("goal" in stages) == (behaviour == "aborts_and_leaves")
+
+
 def test_a_node_that_ends_at_once_is_named_before_anything_arms(fly_run: Fly) -> None:
     result, folder = fly_run(mode="sim", sets=(node("dead", "/odom"),))
     assert result.verdict == "FAIL"
@@ -153,9 +163,9 @@ def test_a_node_that_ends_at_once_is_named_before_anything_arms(fly_run: Fly) ->
 
 
 def test_a_node_that_never_subscribes_is_named_before_anything_arms(fly_run: Fly) -> None:
-    result, folder = fly_run(mode="sim", sets=(node("deaf", "/odom", start_s=1),))
+    result, folder = fly_run(mode="sim", sets=(node("deaf", "/odom", start_s=6),))
     assert result.verdict == "ERROR"
-    assert "is a node that has not subscribed to /odom within 1 s" in result.reason
+    assert "is a node that has not subscribed to /odom within 6 s" in result.reason
     named = "the node old subscribes to /odom with nav_msgs/msg/Odometry of another ROS, whose hash"
     assert f"{named} is RIHS01_0 and not RIHS01_" in result.reason
     assert not any(line.get("stage") == "takeoff" for line in log_of(folder))

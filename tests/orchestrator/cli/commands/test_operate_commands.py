@@ -173,9 +173,9 @@ async def test_several_campaigns_are_listed_and_nothing_is_sent(
         f"  wil-campaign {typed} --all --who anna\n"
         "or one of them:\n"
         f"  wil-campaign {typed} {gate.folder} --who anna"
-        "  # gate: 0 of 4 runs; large/wil/1: goal, no failure so far\n"
+        "  # gate: 0 of 4 runs; large/wil/1: goal, nothing decided so far\n"
         f"  wil-campaign {typed} {hall[0].folder} --who anna"
-        "  # hall: 0 of 4 runs; small/sim/3: takeoff, no failure so far\n"
+        "  # hall: 0 of 4 runs; small/sim/3: takeoff, nothing decided so far\n"
     )
     assert not fleet.told
     assert not fleet.aborted
@@ -295,7 +295,7 @@ async def test_watch_shows_what_flies_until_it_is_over(
         return any(run in status["flying"] if run else not status["flying"] for status in statuses)
 
     none = "gate: 0 of 4 runs; none flies"
-    flies = "gate: 0 of 4 runs; large/wil/1: goal, no failure so far"
+    flies = "gate: 0 of 4 runs; large/wil/1: goal, nothing decided so far"
     async with asyncio.timeout(60.0), open_operator_channels(controller):
         watching = asyncio.create_task(asyncio.to_thread(main, ["watch"]))
         as_json = asyncio.create_task(asyncio.to_thread(main, ["watch", "--json"]))
