@@ -37,6 +37,8 @@ HOOKS = {
     "engines",
     "image_sources",
     "launches",
+    "link_layers",
+    "links",
     "live_views",
     "mesh_formats",
     "motion_captures",
@@ -947,6 +949,11 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
             ["run", gate, *one, "--set", f"vehicles.real.link={{launch: {name}}}"]
             for name in shipped("launches")
         ),
+        *(
+            ["run", gate, *one, "--set", f"vehicles.real.link={name}:///dev/ttyACM0:57600"]
+            for name in shipped("links")
+        ),
+        ["run", gate, *one, "--set", "vehicles.real.spare_links=[udpin://0.0.0.0:14550]"],
         *(["report", str(tmp_path), f"--{name}"] for name in shipped("report_images")),
     ]
     done = subprocess.run(  # noqa: S603 - our own interpreter
@@ -964,7 +971,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
         *("operator_channels", "run_options", "autonomy_kinds", "run_observers", "oracles"),
         *("image_sources", "sources", "mesh_formats", "recipe_steps", "problem_formats"),
         *("recording_formats", "motion_captures", "report_images", "autopilots"),
-        "launches",
+        *("launches", "links", "link_layers"),
     )
     named += [name for hook in hooks_of_rest for name in shipped(hook)]
     assert codes[3:] == [2] * (len(words) - 3)
