@@ -148,7 +148,7 @@ WALL = (
     "vehicles/driver/test_conformance.py",
     "vehicles/embedded/process",
     "plugins/firmware",
-    "vehicles/links/test_flapping.py",
+    "plugins/stream_links/test_flapping.py",
     "plugins/mavsdk",
     "wil_campaign/foundation/processes/test_other_systems.py",
     "plugins/readings/test_zmq_readings.py",

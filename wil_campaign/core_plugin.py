@@ -1,6 +1,13 @@
 """What the core itself adds by the hooks: a part of it is registered by its line here."""
 
-from wil_campaign.hooks import AutopilotKind, OracleKind, RecipeStep, SensorKind, implements
+from wil_campaign.hooks import (
+    AutopilotKind,
+    LinkKind,
+    OracleKind,
+    RecipeStep,
+    SensorKind,
+    implements,
+)
 
 
 @implements
@@ -12,6 +19,16 @@ def autopilots() -> tuple[AutopilotKind, ...]:
             strategy="wil_campaign.vehicles.autopilots.px4:Px4",
             emulation="wil_campaign.vehicles.embedded.autopilot.px4.px4:Px4",
         ),
+    )
+
+
+@implements
+def links() -> tuple[LinkKind, ...]:
+    """Return the core's kinds of links."""
+    return (
+        LinkKind("udpin", "socket", "wil_campaign.vehicles.links.udp:udp_link"),
+        LinkKind("udpout", "socket", "wil_campaign.vehicles.links.udp:udp_link"),
+        LinkKind("memory", "", "wil_campaign.vehicles.links.memory:refuse"),
     )
 
 

@@ -315,6 +315,32 @@ class LaunchKind:
 
 
 @dataclass(frozen=True, slots=True)
+class LinkKind:
+    """A kind of MAVLink links, as the address in a campaign says it.
+
+    name: the scheme, as "udpin" of udpin://HOST:PORT. at: what its address names, a socket's
+    HOST:PORT or a DEVICE:BAUD; empty for nothing. open: a function of a `LinkRequest`
+    (vehicles/links/link_factory.py), which returns the Link, not yet entered.
+    """
+
+    name: str
+    at: Literal["socket", "device", ""]
+    open: str
+
+
+@dataclass(frozen=True, slots=True)
+class LinkLayerKind:
+    """What the guard leads the links to a vehicle through, as a simulated radio.
+
+    name: the key of campaigns that asks for it. layer: a class derived from `LinkLayer`
+    (vehicles/links/link_conditions.py).
+    """
+
+    name: str
+    layer: str
+
+
+@dataclass(frozen=True, slots=True)
 class ReportSection:
     """A section of the report of a campaign, in front of its runs.
 
@@ -495,6 +521,16 @@ def autopilots() -> Sequence[AutopilotKind]:  # type: ignore[empty-body]
 @_hook
 def launches() -> Sequence[LaunchKind]:  # type: ignore[empty-body]
     """Return launches of autopilots' own simulations."""
+
+
+@_hook
+def links() -> Sequence[LinkKind]:  # type: ignore[empty-body]
+    """Return kinds of MAVLink links."""
+
+
+@_hook
+def link_layers() -> Sequence[LinkLayerKind]:  # type: ignore[empty-body]
+    """Return what the links to vehicles are led through."""
 
 
 @_hook

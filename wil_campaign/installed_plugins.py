@@ -31,6 +31,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "encounters": {"oracles": ("distance", "encounter")},
     "firmware": {"launches": ("px4",)},
     "foxglove": {"live_views": ("foxglove",)},
+    "impaired_links": {"link_layers": ("links",), "run_observers": ("links",)},
     "injection": {"run_observers": ("inject",)},
     "logs": {"starters": ("log",)},
     "mavsdk": {"drivers": ("mavsdk",)},
@@ -59,6 +60,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
         "recording_formats": ("ros2",),
         "starter_options": ("ros2",),
     },
+    "redundant_links": {"link_layers": ("spare_links",)},
     "run_images": {"report_images": ("card", "gif")},
     "search": {"campaign_keys": ("search",), "commands": ("search",)},
     "simulator": {"image_sources": ("simulator",)},
@@ -99,6 +101,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
             "units",
         ),
     },
+    "stream_links": {"links": ("tcpin", "tcpout", "serial")},
     "stl": {"oracles": ("stl",)},
     "step_response": {"vehicle_checks": ("fly",)},
 }

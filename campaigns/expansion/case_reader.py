@@ -22,7 +22,6 @@ from wil_campaign.campaigns.schema import (
     campaign_model,
 )
 from wil_campaign.campaigns.schema.autonomy import AutonomyPart
-from wil_campaign.campaigns.schema.links import LinkPart, LinksPart
 from wil_campaign.campaigns.schema.operator import GcsPart
 from wil_campaign.campaigns.setup.actor_setups import actor_fences, actor_setups
 from wil_campaign.campaigns.setup.autonomy_under_test import ForeignAutonomy, UnderTest
@@ -35,7 +34,6 @@ from wil_campaign.campaigns.setup.case_setup import (
     SyncSetup,
 )
 from wil_campaign.campaigns.setup.fault_setups import fault_setups
-from wil_campaign.campaigns.setup.link_setups import LinkSetup, link_setup
 from wil_campaign.campaigns.setup.oracle_uses import oracle_uses
 from wil_campaign.campaigns.setup.vehicle_fences import Drawing, fences_of
 from wil_campaign.campaigns.setup.vehicle_setups import vehicle_setups
@@ -105,7 +103,6 @@ def read_setup(
         else {**fences, **actor_fences(files.campaign, part.actors, world.frame, problems)},
         guarding=_guard_setup(part),
         oracles=uses,
-        links=_links(part.links),
         faults=fault_setups(files.campaign, part.faults, vehicles, problems),
         preflight=part.preflight,
         record=part.record,
@@ -145,12 +142,6 @@ def _read_case(
     read: Callable[[Document], T], document: Document | None, problems: list[Problem]
 ) -> T | None:
     return None if document is None else collect_problems(problems, partial(read, document))
-
-
-def _links(part: LinksPart) -> dict[str, LinkSetup]:
-    """Return the link setups of a case's real and twin vehicles."""
-    given: dict[VehicleName, LinkPart | None] = {"real": part.real, "twin": part.twin}
-    return {name: link_setup(link) for name, link in given.items() if link is not None}
 
 
 def _gcs(part: GcsPart) -> dict[str, str]:

@@ -23,7 +23,6 @@ from wil_campaign.campaigns.schema.controls import ControlPart
 from wil_campaign.campaigns.schema.faults import FaultsPart
 from wil_campaign.campaigns.schema.fence import GeofencePart
 from wil_campaign.campaigns.schema.limits import LimitsPart
-from wil_campaign.campaigns.schema.links import LinksPart
 from wil_campaign.campaigns.schema.operator import OperatorPart, operator_model, refused
 from wil_campaign.campaigns.schema.preflight import PreflightPart
 from wil_campaign.campaigns.schema.vehicles import Speedup, VehiclesPart
@@ -294,7 +293,6 @@ class CampaignPart(Part):
     sync: SyncPart = SyncPart()
     clock: ClockPart | None = None
     between_runs: BetweenRunsPart | None = None
-    links: LinksPart = LinksPart()
     faults: FaultsPart = FaultsPart()
     preflight: PreflightPart = PreflightPart()
     geofence: GeofencePart | None = None

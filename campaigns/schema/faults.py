@@ -1,12 +1,15 @@
 """`faults`: signals of a vehicle that stop or freeze in flight, on purpose."""
 
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from wil_campaign.campaigns.schema.links import Duration, FlightStage
 from wil_campaign.foundation.files.documents import Part
-from wil_campaign.vehicles.faults import LATEST_S
+from wil_campaign.vehicles.faults import LATEST_S, LONGEST_S
+
+Duration = Annotated[float, Field(gt=0, le=LONGEST_S)]
+FlightStage = Literal["takeoff", "at_height", "goal", "done", "land"]
+"""Stages of a flight after which a fault, or a link outage, may begin."""
 
 
 class MomentPart(Part):

@@ -13,12 +13,13 @@ from wil_campaign.campaigns.schema.sensors import SensorPart
 from wil_campaign.campaigns.schema.sources import MocapPart
 from wil_campaign.campaigns.values.external_setups import PoseAccuracy, PoseSource
 from wil_campaign.foundation.files.documents import KeyFaultError, Later, Part
-from wil_campaign.hooks import autopilots, drivers, launches
+from wil_campaign.hooks import autopilots, drivers, launches, link_layers
 from wil_campaign.installed_plugins import Named, absent, added, loaded
 from wil_campaign.vehicles.command_backends import OWN_FRAMES
 from wil_campaign.vehicles.coupling import Coupling
 from wil_campaign.vehicles.embedded.physics.config import Physics
 from wil_campaign.vehicles.launch import LaunchPart, Pace, Text
+from wil_campaign.vehicles.links.link_conditions import SPARE_LINKS
 from wil_campaign.vehicles.links.link_strings import LinkAddressError, parse_link
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.parts import BoxShape
@@ -132,6 +133,8 @@ def vehicle_link(text: str) -> str:
 
 def _spare(text: str) -> str:
     """Refuse a text that is no address of a vehicle's spare link."""
+    if why := absent(link_layers).get(SPARE_LINKS):
+        raise ValueError(why)
     if text == "embedded":
         raise ValueError("must be a link; the embedded vehicle has its own")
     return vehicle_link(text)

@@ -7,7 +7,6 @@ from wil_campaign.campaigns.schema import Mode, PreflightPart, RecordPart, SyncP
 from wil_campaign.campaigns.setup.actor_setups import ActorSetup
 from wil_campaign.campaigns.setup.autonomy_under_test import UnderTest
 from wil_campaign.campaigns.setup.case_files import CaseFiles
-from wil_campaign.campaigns.setup.link_setups import LinkSetup
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup, VehicleSetup
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, SensorSetup
 from wil_campaign.campaigns.values.signal_faults import SignalFault
@@ -19,6 +18,7 @@ from wil_campaign.safety.guard.core.events import GuardSettings
 from wil_campaign.safety.guard.core.setpoint_limits import SetpointLimits
 from wil_campaign.vehicles.command_backends import OWN_FRAMES
 from wil_campaign.vehicles.coupling import LIMITS_M
+from wil_campaign.vehicles.links.link_conditions import LinkLayer
 from wil_campaign.worlds.frames import Vec3
 from wil_campaign.worlds.world_file.world import World
 
@@ -29,7 +29,6 @@ __all__ = [
     "Case",
     "GoalSetup",
     "GuardingSetup",
-    "LinkSetup",
     "SensorSetup",
     "SyncSetup",
     "VehicleSetup",
@@ -80,6 +79,10 @@ class ObserverSetup:
         """Return whether the autopilots themselves get what is mixed."""
         return False
 
+    def link_layer(self, _vehicle: str, _seed: tuple[int, ...], /) -> LinkLayer | None:
+        """Return what the link to a vehicle goes through on the air; None for nothing."""
+        return None
+
     def problems(self, _files: CaseFiles, _setup: "Case", _mode: Mode, /) -> Iterator[Problem]:
         """Yield what is wrong with a case in one mode. _setup: of the whole case."""
         yield from ()
@@ -96,7 +99,7 @@ class Case:
     actors: vehicles that fly as objects of the world, by the object's name. observers: of its runs,
     by their keys of the campaign.
     recipe: None where no mode mixes. fences: of the vehicles and actors that have one; guarding:
-    how the guard keeps them. limits: of setpoints; None for none. links: those with impairments.
+    how the guard keeps them. limits: of setpoints; None for none.
     faults: injected into signals.
     collision_always: whether contacts are judged even without the oracle `collision`.
     firmware: versions that `accept` requires, by vehicle.
@@ -115,7 +118,6 @@ class Case:
     fences: Mapping[str, Fence]
     oracles: tuple[OracleUse, ...]
     actors: Mapping[str, ActorSetup] = field(default_factory=dict)
-    links: Mapping[str, LinkSetup] = field(default_factory=dict)
     faults: tuple[SignalFault, ...] = ()
     preflight: PreflightPart = field(default_factory=PreflightPart)
     record: RecordPart = field(default_factory=RecordPart)

@@ -321,7 +321,7 @@ def _baud(part: VehiclePart | ActorPart) -> int | None:
         return None
     spares = part.spare_links if isinstance(part, VehiclePart) else ()
     addresses = [parse_link(one) for one in (part.link, *spares)]
-    return min((address.baud for address in addresses if address.kind == "serial"), default=None)
+    return min((address.baud for address in addresses if address.baud), default=None)
 
 
 def key_source_of(file: Document, part: SigningPart | None) -> KeySource | None:

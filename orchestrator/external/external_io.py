@@ -22,6 +22,7 @@ from wil_campaign.orchestrator.state.observer import Observer
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.guard.guard import Guard
 from wil_campaign.safety.model.oracle_results import Flag
 from wil_campaign.vehicles.readings import Reading, Source
 from wil_campaign.vehicles.sources.camera_source import CameraSource
@@ -123,8 +124,8 @@ class ExternalIo:
         """Return what the observers add to the environment of programs, once they are open."""
         return {k: v for observer in self._observers for k, v in observer.environment.items()}
 
-    def attach(self, contexts: Iterable[VehicleContext]) -> None:
-        """Attach the vehicles, which carry external sensors."""
+    def attach(self, contexts: Iterable[VehicleContext], guard: Guard) -> None:
+        """Attach the vehicles, which carry external sensors, and their guard."""
         contexts = tuple(contexts)
         self.readings.attach(contexts)
         for context in contexts:
@@ -133,6 +134,7 @@ class ExternalIo:
                     camera.attach(context)
         for observer in self._observers:
             observer.attach(contexts)
+            observer.attach_guard(guard)
 
     async def before_arming(self, *, unbooted: Mapping[str, frozenset[str]]) -> str:
         """Check that motion capture and readings are received, and what observers need.

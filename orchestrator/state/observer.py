@@ -7,6 +7,7 @@ from typing import Any
 from wil_campaign.orchestrator.run_results.result_parts import ExternalResult
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
+from wil_campaign.safety.guard.guard import Guard
 from wil_campaign.safety.model.oracle_results import Flag
 from wil_campaign.vehicles.readings import Reading
 
@@ -19,6 +20,9 @@ class Observer:
 
     def attach(self, contexts: Iterable[VehicleContext]) -> None:
         """Attach the vehicles, before they are identified."""
+
+    def attach_guard(self, guard: Guard) -> None:
+        """Attach the guard of the vehicles, which takes commands."""
 
     async def before_arming(self, _unbooted: Mapping[str, frozenset[str]], /) -> str:
         """Return what was checked before the vehicles arm, in words; empty for nothing.

@@ -11,6 +11,8 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from wil_campaign.foundation.files.paths import is_file
+from wil_campaign.hooks import links
+from wil_campaign.installed_plugins import absent
 from wil_campaign.plugins.firmware.launch_plan import (
     LaunchPlan,
     PlannedLaunch,
@@ -22,6 +24,7 @@ from wil_campaign.plugins.firmware.prepared_launch import PreparedLaunch
 from wil_campaign.vehicles.launch import Home, LaunchError, LaunchPart, Pace, Text, beside
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 
+_LINK = "tcpout"
 _BASE_PORT = 5760
 _PER_INSTANCE = 10
 _BOOT_PARAMS_FILE = "campaign.parm"
@@ -51,7 +54,7 @@ class ArduPilotLaunch(PlannedLaunch):
         return PreparedLaunch(launch=self, folder=folder, system_id=system_id)
 
     def check(self) -> None:
-        """Raise LaunchError when the binary or a parameter file is missing."""
+        """Raise LaunchError when the binary, a parameter file or links by TCP are missing."""
         executable(self.binary, "ArduPilot SITL", "build it with './waf copter'")
         for file in self.defaults:
             if not is_file(file):
@@ -64,6 +67,8 @@ class ArduPilotLaunch(PlannedLaunch):
             )
         if not 0.0 < self.pace <= 100.0:
             raise LaunchError(f"ArduPilot SITL: speedup {self.pace} is not within 0 to 100")
+        if why := absent(links).get(_LINK):
+            raise LaunchError(f"ArduPilot SITL: {why}")
 
     def ports(self, instance: int) -> tuple[Port, ...]:
         """Return ArduPilot's ports: serial 0 to 2 and its input for remote control."""
@@ -93,7 +98,7 @@ class ArduPilotLaunch(PlannedLaunch):
         return LaunchPlan(
             label=self.label,
             argv=tuple(argv),
-            link=LinkAddress("tcpout", host="127.0.0.1", port=port),
+            link=LinkAddress(_LINK, host="127.0.0.1", port=port),
             # It boots when a client connects, and serves only the first one: a probe of the port
             # would take the link's place.
             ready=("Waiting for connection", f"SERIAL0 on TCP port {port}"),

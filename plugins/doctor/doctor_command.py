@@ -24,9 +24,9 @@ from wil_campaign.plugins.doctor import installed, links, machine, ports, progra
 from wil_campaign.plugins.doctor.findings import Finding, as_text
 from wil_campaign.plugins.doctor.vehicle_check import check_vehicle
 from wil_campaign.plugins.firmware.launch_records import find_orphans
+from wil_campaign.plugins.stream_links.serial_port import ports as serial_ports
 from wil_campaign.safety.guard.process.orphaned_processes import records
 from wil_campaign.safety.guard.process.runtime_folder import runtime_folders, unsafe_folders
-from wil_campaign.vehicles.links.serial_port import ports as serial_ports
 from wil_campaign.worlds.jit import find_kernel_cache
 
 REFUSED, TROUBLE = 2, 3

@@ -18,6 +18,7 @@ from wil_campaign.foundation.files.problems import BadInput
 from wil_campaign.orchestrator.run.flight.lateness import LATE_S
 from wil_campaign.plugins.doctor.findings import Finding
 from wil_campaign.plugins.firmware.launch_records import LaunchRecord
+from wil_campaign.plugins.stream_links.serial_port import group_of
 from wil_campaign.safety.guard.process.orphaned_processes import GuardRecord
 from wil_campaign.safety.guard.process.runtime_folder import (
     RuntimeFolderError,
@@ -25,7 +26,6 @@ from wil_campaign.safety.guard.process.runtime_folder import (
     open_runtime_folder,
 )
 from wil_campaign.vehicles.driver.onboard.fence_backup import waiting_backups
-from wil_campaign.vehicles.links.serial_port import group_of
 from wil_campaign.worlds.jit import KernelCache
 
 CLOCK = "clock"

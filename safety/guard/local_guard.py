@@ -25,8 +25,8 @@ from wil_campaign.safety.guard.core.events import (
 from wil_campaign.safety.guard.core.guard_core import GuardCore
 from wil_campaign.safety.guard.guard import Guard
 from wil_campaign.safety.model.samples import PoseSample
-from wil_campaign.vehicles.links.impaired import ImpairedLink
 from wil_campaign.vehicles.links.link import Link, Receiver
+from wil_campaign.vehicles.links.link_conditions import Interruptible
 from wil_campaign.worlds.frames import Vec3
 
 TICK_HZ = 20.0
@@ -43,7 +43,7 @@ class GuardLinks:
     vehicle: Link
     orchestrator: Link
     gcs: Link | None = None
-    impaired: ImpairedLink | None = None
+    impaired: Interruptible | None = None
 
 
 class LocalGuard(Guard):

@@ -14,6 +14,9 @@ _SPARED = (
     "tests.faults",
     "wil_campaign.vehicles.embedded",
     "wil_campaign.vehicles.links",
+    "wil_campaign.plugins.impaired_links.impaired",
+    "wil_campaign.plugins.redundant_links",
+    "wil_campaign.plugins.stream_links",
 )
 """Of a killed orchestrator: what belongs to the guard, the vehicles, their links, and to us."""
 

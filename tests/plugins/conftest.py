@@ -9,3 +9,8 @@ from tests.orchestrator.conftest import (  # noqa: F401 - fixtures
     patient_logs,
 )
 from tests.vehicles.conftest import fake_pair  # noqa: F401 - a fixture
+from tests.vehicles.links.conftest import (  # noqa: F401 - fixtures
+    free_tcp_port,
+    inbox,
+    wait_until,
+)

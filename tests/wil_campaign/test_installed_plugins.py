@@ -14,6 +14,7 @@ import pytest
 
 from tests.orchestrator.hover import WORLD, write_hover
 from tests.orchestrator.reading.flown_campaign import flights, write_flown
+from tests.safety.guard.remote_rigs import guard_config
 from tests.test_house import ROOT
 from wil_campaign import hooks, installed_plugins
 from wil_campaign.campaigns.schema import campaign_model
@@ -22,9 +23,13 @@ from wil_campaign.installed_plugins import SHIPPED, absent, added, installed, lo
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.report.campaign_report import write_report
 from wil_campaign.recipes.model.registry import steps
+from wil_campaign.safety.guard.process.guard_config import GuardConfig
 from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.vehicles.autopilots.registry import strategies
 from wil_campaign.vehicles.embedded.emulations import emulations
+from wil_campaign.vehicles.links import link_conditions
+from wil_campaign.vehicles.links.link_factory import LinkRequest, open_link
+from wil_campaign.vehicles.links.link_strings import LinkAddressError, parse_link
 from wil_campaign.vehicles.readings import kinds
 
 HOOKS = {
@@ -37,6 +42,8 @@ HOOKS = {
     "engines",
     "image_sources",
     "launches",
+    "link_layers",
+    "links",
     "live_views",
     "mesh_formats",
     "motion_captures",
@@ -66,6 +73,31 @@ def autopilots():
     return (AutopilotKind("third", strategy="wil_sonar:Third", emulation=""),)
 """
 OF_MESH = "objects: {{shelf: {{shape: {{mesh: {{file: {}}}}}, pose: {{north_m: 4, east_m: 2}}}}}}\n"
+HYDROPHONE = """
+from dataclasses import dataclass
+
+from wil_campaign.hooks import LinkKind, LinkLayerKind, implements
+from wil_campaign.vehicles.links.link_conditions import LinkLayer
+
+@implements
+def links():
+    return (LinkKind("sonar", "device", "wil_sonar:opened"),)
+
+@implements
+def link_layers():
+    return (LinkLayerKind("water", "wil_sonar:Water"),)
+
+def opened(request):
+    return request
+
+@dataclass(frozen=True)
+class Water(LinkLayer):
+    depth_m: float
+    name: str = "water"
+
+    def over(self, links, site):
+        return [(link, self.depth_m, site.system_id) for link in links]
+"""
 SONAR = '''
 from wil_campaign.hooks import Command, implements
 
@@ -136,6 +168,7 @@ def forget_plugins() -> None:
     oracle_kinds.cache_clear()
     steps.cache_clear()
     strategies.cache_clear()
+    link_conditions._layers.cache_clear()
     emulations.cache_clear()
     for known in (kinds.sensor_specs, kinds.reading_types, kinds.faults_of_types, kinds._names):
         known.cache_clear()
@@ -153,6 +186,25 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install
 
     yield write
     forget_plugins()
+
+
+def test_a_plugin_adds_a_kind_of_links_and_what_links_go_through(install: Install) -> None:
+    with pytest.raises(LinkAddressError, match="cannot be read"):
+        parse_link("sonar:///dev/hydrophone:9600")
+    install(HYDROPHONE)
+    address = parse_link("sonar:///dev/hydrophone:9600")
+    assert str(address) == "sonar:///dev/hydrophone:9600"
+    with pytest.raises(LinkAddressError, match=r"did you mean sonar:///dev/hydrophone:9600\?"):
+        parse_link("sonr:///dev/hydrophone:9600")
+    link: Any = open_link(address, signed=True)
+    assert link == LinkRequest(address, signed=True)
+    water = load("wil_sonar:Water")(depth_m=40.0)
+    sent = guard_config(Path("/run"), conditions=link_conditions.LinkConditions(air=(water,)))
+    conditions = GuardConfig.unpacked(sent.packed()).vehicles["real"].conditions
+    assert conditions.air == (water,)
+    site = link_conditions.LinkSite(system_id=7)
+    through: Any = link_conditions.under_conditions([link], conditions, utc_s=0.0, site=site)
+    assert through.link == (link, 40.0, 7)
 
 
 def test_the_table_of_what_ships_is_what_the_plugins_add() -> None:
@@ -947,6 +999,11 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
             ["run", gate, *one, "--set", f"vehicles.real.link={{launch: {name}}}"]
             for name in shipped("launches")
         ),
+        *(
+            ["run", gate, *one, "--set", f"vehicles.real.link={name}:///dev/ttyACM0:57600"]
+            for name in shipped("links")
+        ),
+        ["run", gate, *one, "--set", "vehicles.real.spare_links=[udpin://0.0.0.0:14550]"],
         *(["report", str(tmp_path), f"--{name}"] for name in shipped("report_images")),
     ]
     done = subprocess.run(  # noqa: S603 - our own interpreter
@@ -964,7 +1021,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
         *("operator_channels", "run_options", "autonomy_kinds", "run_observers", "oracles"),
         *("image_sources", "sources", "mesh_formats", "recipe_steps", "problem_formats"),
         *("recording_formats", "motion_captures", "report_images", "autopilots"),
-        "launches",
+        *("launches", "links", "link_layers"),
     )
     named += [name for hook in hooks_of_rest for name in shipped(hook)]
     assert codes[3:] == [2] * (len(words) - 3)

@@ -1,16 +1,17 @@
-"""Wraps the link to a vehicle: signing, simulated impairment and redundant links."""
+"""What the links to a vehicle are led through: a simulated radio, signing, redundancy."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, Protocol, runtime_checkable
 
-import numpy as np
+import msgspec
 
-from wil_campaign.vehicles.links.impaired import ImpairedLink
-from wil_campaign.vehicles.links.impairment import Impairment
-from wil_campaign.vehicles.links.link import Link
-from wil_campaign.vehicles.links.redundant import RedundantLink
+from wil_campaign.hooks import link_layers
+from wil_campaign.installed_plugins import absent, loaded
+from wil_campaign.vehicles.links.link import Link, LinkError
 from wil_campaign.vehicles.links.signed_link import SignedLink
 from wil_campaign.vehicles.mavlink.signing_key import (
     SigningKey,
@@ -18,7 +19,8 @@ from wil_campaign.vehicles.mavlink.signing_key import (
     key_from_file,
 )
 
-_FLAWLESS = Impairment()
+SPARE_LINKS = "spare_links"
+"""The layer that joins several links to one vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,25 +37,46 @@ class KeySource:
         return key_from_environment(self.name)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LinkConditions:
-    """The conditions of a link to a vehicle: signing, impairment.
+@dataclass(frozen=True, slots=True)
+class LinkSite:
+    """The vehicle that links lead to.
 
-    outgoing, incoming: the impairment of each direction. seed: of its random numbers. signing:
-    where the key is; None for unsigned frames.
+    system_id: of MAVLink; None where it is not known. on_switch: called with a message when another
+    link becomes active.
     """
 
-    outgoing: Impairment = field(default_factory=Impairment)
-    incoming: Impairment = field(default_factory=Impairment)
-    seed: tuple[int, ...] = (0,)
-    signing: KeySource | None = None
-    has_later_outage: bool = False
-    """Whether an outage begins at a stage of the flight, a moment that is not known yet."""
+    system_id: int | None = None
+    on_switch: Callable[[str], None] | None = None
 
-    @property
-    def impaired(self) -> bool:
-        """Return whether the link's conditions include impairment."""
-        return self.has_later_outage or (self.outgoing, self.incoming) != (_FLAWLESS, _FLAWLESS)
+
+class LinkLayer(ABC):
+    """What the links to a vehicle are led through; a frozen data class, sent to the guard."""
+
+    name: str
+    """Of its `LinkLayerKind`; a field with that default."""
+
+    @abstractmethod
+    def over(self, links: Sequence[Link], site: LinkSite) -> list[Link]:
+        """Return links over these ones, the preferred one first."""
+
+
+@runtime_checkable
+class Interruptible(Protocol):
+    """A link whose outages can be started."""
+
+    def start_outage(self, duration_s: float) -> None:
+        """Start an outage of the link, both ways, for a while."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkConditions:
+    """The conditions of a link to a vehicle. air: what it goes through on the air.
+
+    signing: where the key is; None for unsigned frames.
+    """
+
+    air: tuple[LinkLayer, ...] = ()
+    signing: KeySource | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,40 +84,44 @@ class ConditionedLink:
     """A link under conditions. impaired: the link whose outages can be started; None without."""
 
     link: Link
-    impaired: ImpairedLink | None = None
+    impaired: Interruptible | None = None
 
 
 def under_conditions(
-    link: Link,
-    conditions: LinkConditions,
-    *,
-    utc_s: float,
-    spares: Sequence[Link] = (),
-    system_id: int | None = None,
-    on_switch: Callable[[str], None] | None = None,
+    links: Sequence[Link], conditions: LinkConditions, *, utc_s: float, site: LinkSite | None = None
 ) -> ConditionedLink:
-    """Return a link under conditions: signed first, then impaired, as on the air.
+    """Return the links to a vehicle as one under conditions: signed first, then on the air.
 
-    utc_s: the present time (UTC, seconds since 1970). spares: standby links to the same vehicle,
-    unimpaired; system_id: of that vehicle, None where it is not known; on_switch: called with a
-    message when another link becomes active. Raises SigningKeyError.
+    links: the preferred one first; of several the others are standby. utc_s: the present time (UTC,
+    seconds since 1970). Raises SigningKeyError, and LinkError for several without their plugin.
     """
-    impaired: ImpairedLink | None = None
-    if conditions.impaired:
-        link = impaired = ImpairedLink(
-            link=link,
-            outgoing=conditions.outgoing,
-            incoming=conditions.incoming,
-            rng=np.random.default_rng(list(conditions.seed)),
-        )
-    links = [link, *spares]
+    site = site or LinkSite()
+    for layer in conditions.air:
+        links = layer.over(links, site)
+    impaired = next((link for link in links if isinstance(link, Interruptible)), None)
     if conditions.signing is not None:
         key = conditions.signing.key()
         links = [
-            SignedLink(link=one, key=key, utc_s=utc_s, link_id=number)
-            for number, one in enumerate(links)
+            SignedLink(link=link, key=key, utc_s=utc_s, link_id=number)
+            for number, link in enumerate(links)
         ]
-    if not spares:
-        return ConditionedLink(links[0], impaired)
-    together = RedundantLink(links=links, system_id=system_id, on_switch=on_switch)
-    return ConditionedLink(together, impaired)
+    if len(links) > 1:
+        links = _layer_named(SPARE_LINKS)().over(links, site)
+    return ConditionedLink(links[0], impaired)
+
+
+def layer_of_plain(plain: Any) -> LinkLayer:
+    """Return the layer of plain fields. Raises LinkError, ValueError, KeyError."""
+    return msgspec.convert(plain, _layer_named(plain["name"]))
+
+
+def _layer_named(name: str) -> type[LinkLayer]:
+    """Return the class of a layer. Raises LinkError where its plugin is not installed."""
+    if why := absent(link_layers).get(name):
+        raise LinkError(why)
+    return _layers()[name]
+
+
+@cache
+def _layers() -> Mapping[str, type[LinkLayer]]:
+    return loaded(link_layers, "layer")

@@ -3,13 +3,11 @@
 import difflib
 import re
 from dataclasses import dataclass
-from typing import Literal, get_args
 
+from wil_campaign.hooks import links
+from wil_campaign.installed_plugins import absent, added
 from wil_campaign.vehicles.links.link import LinkError
 
-LinkKind = Literal["udpin", "udpout", "tcpin", "tcpout", "serial", "memory"]
-
-_KINDS: tuple[LinkKind, ...] = get_args(LinkKind)
 _USUAL_BAUD = 57600
 """Telemetry radios (SiK) come set to it."""
 _HOST_PORT = re.compile(r"(?P<host>\[[0-9A-Fa-f:.%\w]+\]|[^:/\[\]\s]+):(?P<port>\d{1,5})")
@@ -21,7 +19,7 @@ _FOREIGN_NET = re.compile(
 _FOREIGN_SERIAL = re.compile(
     r"(?:serial:)?/*(?P<device>/dev/[^:,\s]+|/?COM\d+|tty\w+)(?:[:,](?P<baud>\d+))?"
 )
-_FOREIGN_KIND: dict[str, LinkKind] = {
+_FOREIGN_KIND = {
     "udp": "udpin",
     "udpbcast": "udpout",
     "udpci": "udpin",
@@ -35,9 +33,12 @@ class LinkAddressError(LinkError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class LinkAddress:
-    """The address in a link string: host and port of a network link, device and baud of serial."""
+    """The address in a link string: host and port of a network link, or device and baud.
 
-    kind: LinkKind
+    kind: the name of a `LinkKind`.
+    """
+
+    kind: str
     host: str = ""
     port: int = 0
     device: str = ""
@@ -45,46 +46,46 @@ class LinkAddress:
 
     def __str__(self) -> str:
         """Return the address as a link string."""
-        if self.kind == "memory":
-            return "memory://"
-        if self.kind == "serial":
-            return f"serial://{self.device}:{self.baud}"
+        if self.device:
+            return f"{self.kind}://{self.device}:{self.baud}"
         host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{self.kind}://{host}:{self.port}"
+        return f"{self.kind}://{host}:{self.port}" if host else f"{self.kind}://"
 
 
 def parse_link(text: str) -> LinkAddress:
     """Return the address that a link string names.
 
-    `udpin://host:port` (listens), `udpout://host:port` (sends first), `tcpout://`,
-    `tcpin://`, `serial:///dev/ttyACM0:921600`, `memory://`. Raises LinkAddressError, with the
-    string that was probably meant.
+    `udpin://host:port` (listens), `udpout://host:port` (sends first), `memory://`, and those of
+    plugins: `tcpout://`, `tcpin://`, `serial:///dev/ttyACM0:921600`. Raises LinkAddressError, with
+    the string that was probably meant.
     """
-    kind_text, mark, rest = text.partition("://")
-    if not mark or kind_text not in _KINDS:
+    name, mark, rest = text.partition("://")
+    if mark and (why := absent(links).get(name)):
+        raise LinkAddressError(why)
+    kind = added(links).get(name) if mark else None
+    if kind is None:
         raise _unreadable(text)
-    kind: LinkKind = kind_text
-    if kind == "memory":
-        return LinkAddress("memory")
-    if kind == "serial":
-        return _serial(text, rest)
+    if kind.at == "":
+        return LinkAddress(name)
+    if kind.at == "device":
+        return _of_device(text, name, rest)
     match = _HOST_PORT.fullmatch(rest)
     if match is None:
-        raise _unreadable(text, f"{kind}:// needs host:port")
+        raise _unreadable(text, f"{name}:// needs host:port")
     port = int(match["port"])
     if not 1 <= port <= 65535:
         raise _unreadable(text, f"port {port} is not within 1..65535")
-    return LinkAddress(kind, host=match["host"].strip("[]"), port=port)
+    return LinkAddress(name, host=match["host"].strip("[]"), port=port)
 
 
-def _serial(text: str, rest: str) -> LinkAddress:
+def _of_device(text: str, kind: str, rest: str) -> LinkAddress:
     match = _DEVICE_BAUD.fullmatch(rest)
     if match is None:
-        raise _unreadable(text, "serial:// needs device:baud")
+        raise _unreadable(text, f"{kind}:// needs device:baud")
     baud = int(match["baud"])
     if not 1200 <= baud <= 12_000_000:
         raise _unreadable(text, f"{baud} is not a baud rate; serial ports have 1200 to 12000000")
-    return LinkAddress("serial", device=match["device"], baud=baud)
+    return LinkAddress(kind, device=match["device"], baud=baud)
 
 
 def _unreadable(text: str, why: str = "") -> LinkAddressError:
@@ -106,16 +107,17 @@ def _suggestion(text: str) -> str:
         device = f"/dev/{device}" if device.startswith("tty") else device
         return _if_readable(f"serial://{device}:{match['baud'] or _USUAL_BAUD}")
     kind, mark, rest = text.strip().partition("://")
-    near = difflib.get_close_matches(kind.lower(), _KINDS, n=1)
+    near = difflib.get_close_matches(kind.lower(), added(links), n=1)
     return _if_readable(f"{near[0]}://{rest}") if mark and near and near[0] != kind else ""
 
 
 def _if_readable(text: str) -> str:
     """Return a suggested link string if it is well-formed; else ""."""
-    kind, _, rest = text.partition("://")
-    if kind == "memory":
-        return text
-    if kind == "serial":
+    name, _, rest = text.partition("://")
+    kind = added(links).get(name)
+    if kind is None:
+        return ""
+    if kind.at == "device":
         return text if _DEVICE_BAUD.fullmatch(rest) else ""
     match = _HOST_PORT.fullmatch(rest)
-    return text if match and 1 <= int(match["port"]) <= 65535 else ""
+    return text if not kind.at or (match and 1 <= int(match["port"]) <= 65535) else ""

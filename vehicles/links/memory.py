@@ -4,7 +4,7 @@ import asyncio
 from collections import deque
 from typing import Self
 
-from wil_campaign.vehicles.links.link import Link, ReceivingLink
+from wil_campaign.vehicles.links.link import Link, LinkError, ReceivingLink
 
 
 class MemoryLink(ReceivingLink):
@@ -93,3 +93,8 @@ def memory_pair(*, latency_s: float = 0.0, name: str = "memory") -> tuple[Link, 
     first.join(second)
     second.join(first)
     return first, second
+
+
+def refuse(_: object) -> Link:
+    """Refuse to open one end of a memory link alone. Raises LinkError."""
+    raise LinkError("memory:// links have both ends in one process; memory_pair() creates both")

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Self, cast
 
 from wil_campaign.vehicles.links.link import LinkError, ReceivingLink
+from wil_campaign.vehicles.links.link_factory import LinkRequest
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 from wil_campaign.vehicles.links.reads import shorten_reads
 from wil_campaign.vehicles.links.socket_errors import socket_remedy
@@ -356,3 +357,8 @@ def _system_of(data: bytes) -> int:
     """Return the system that sent a UDP datagram, by its first frame."""
     at = _SYSTEM_AT.get(data[0]) if data else None
     return data[at] if at is not None and len(data) > at else _NO_MAVLINK
+
+
+def udp_link(request: LinkRequest) -> UdpLink:
+    """Return the UDP link that is asked for."""
+    return UdpLink(address=request.address, signed=request.signed)

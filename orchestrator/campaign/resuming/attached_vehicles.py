@@ -20,7 +20,11 @@ from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.session.identity import Identity, same_vehicle
 from wil_campaign.vehicles.errors import IdentifyError
 from wil_campaign.vehicles.links.link import Link
-from wil_campaign.vehicles.links.link_conditions import LinkConditions, under_conditions
+from wil_campaign.vehicles.links.link_conditions import (
+    LinkConditions,
+    LinkSite,
+    under_conditions,
+)
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 from wil_campaign.vehicles.links.udp import RIVAL_REMEDY, UdpLink
@@ -182,13 +186,8 @@ async def _find(vehicle: FlownSetup, timeout_s: float) -> AttachedVehicle:
     conditions = LinkConditions(signing=vehicle.signing)
     signed = vehicle.signing is not None
     raw = [open_link(address, signed=signed) for address in vehicle.addresses]
-    link = under_conditions(
-        raw[0],
-        conditions,
-        utc_s=time.time(),
-        spares=raw[1:],
-        system_id=vehicle.system_id,
-    ).link
+    site = LinkSite(vehicle.system_id)
+    link = under_conditions(raw, conditions, utc_s=time.time(), site=site).link
     driver = Driver(
         name=vehicle.name,
         link=link,

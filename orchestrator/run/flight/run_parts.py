@@ -197,7 +197,7 @@ def flight_parts(
     subject = next(context for context in pair.contexts if context.name == setup.subject)
     run_state.note_at = subject.note_at
     ground.contexts = (*pair.contexts, *pair.actors)
-    ground.external_io.attach(pair.contexts)
+    ground.external_io.attach(pair.contexts, pair.guard)
     faults = _signal_faults(ground, pair)
     ground.perception = perception = build_perception(
         setup,
@@ -213,7 +213,6 @@ def flight_parts(
     sync.attach(pair.contexts)
     if ground.twin is not None and setup.companion is not None:
         ground.twin.attach(setup.companion, needed_by=perception.bound_to_twin)
-    pair.begin_outage(setup.case.links, run_state)
     operator_hold = OperatorHold(run_state=run_state)
     ground.actors = _actor_flights(ground, pair, operator_hold)
     before_arming = _before_arming(ground, pair)

@@ -39,7 +39,6 @@ def return_setup(setup: RunSetup, path: ReturnPath) -> RunSetup:
         ),
         goal=GoalSetup(altitude_m=path.altitude_m),
         oracles=(),
-        links={},
         record=RecordPart(),
         observers={},
     )

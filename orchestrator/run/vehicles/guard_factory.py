@@ -5,7 +5,6 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 
-from wil_campaign.campaigns.setup.case_setup import LinkSetup
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
 from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from wil_campaign.orchestrator.run.vehicles.vehicle_backends import (
@@ -138,14 +137,11 @@ def _address(vehicle: FlownSetup, prepared: Mapping[str, ReservedLaunch]) -> str
 
 def conditions_of(setup: RunSetup, vehicle: FlownSetup) -> LinkConditions:
     """Return the link conditions between guard and vehicle, by the run's seed."""
-    link = setup.case.links.get(vehicle.name, LinkSetup())
-    return LinkConditions(
-        outgoing=link.outgoing,
-        incoming=link.incoming,
-        seed=(vehicle_seed(setup.seed, vehicle.name), _LINK_SEED),
-        has_later_outage=bool(link.outages),
-        signing=vehicle.signing,
-    )
+    seed = vehicle_seed(setup.seed, vehicle.name), _LINK_SEED
+    observers = setup.case.observers.values()
+    layers = (observer.link_layer(vehicle.name, seed) for observer in observers)
+    air = tuple(layer for layer in layers if layer is not None)
+    return LinkConditions(air=air, signing=vehicle.signing)
 
 
 def _guard_in_process(
@@ -162,7 +158,7 @@ def _guard_in_process(
     for vehicle in setup.guarded:
         near, outer[vehicle.name] = memory_pair(name=f"{vehicle.name} guard")
         there = under_conditions(
-            backend.link(vehicle), conditions_of(setup, vehicle), utc_s=VIRTUAL_EPOCH_S
+            [backend.link(vehicle)], conditions_of(setup, vehicle), utc_s=VIRTUAL_EPOCH_S
         )
         inner[vehicle.name] = GuardLinks(
             vehicle=there.link, orchestrator=near, impaired=there.impaired

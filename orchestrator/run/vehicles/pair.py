@@ -1,20 +1,17 @@
 """Opens the pair: guard, vehicles and drivers, in the order in which they may be closed."""
 
-import asyncio
 from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 
-from wil_campaign.campaigns.setup.case_setup import LinkSetup
 from wil_campaign.campaigns.setup.vehicle_setups import FlownSetup
 from wil_campaign.orchestrator.external.motion_captures import MotionCaptures
 from wil_campaign.orchestrator.run.vehicles.guard_factory import guard_of
 from wil_campaign.orchestrator.run.vehicles.simulator_launch import prepare_launches
 from wil_campaign.orchestrator.run.vehicles.vehicle_backends import TRUTH_HZ, Feed
 from wil_campaign.orchestrator.state.run_setup import RunSetup
-from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
-from wil_campaign.safety.guard.core.commands import AnchorAt, StartOutage
+from wil_campaign.safety.guard.core.commands import AnchorAt
 from wil_campaign.safety.guard.guard import Guard
 from wil_campaign.safety.guard.local_guard import Record
 from wil_campaign.vehicles.command_backends import command_backend_of
@@ -47,20 +44,6 @@ class Pair:
     guard: Guard
     links: Mapping[str, TappedLink]
     actors: tuple[VehicleContext, ...] = ()
-
-    def begin_outage(self, links: Mapping[str, LinkSetup], run_state: RunState) -> None:
-        """Start the pair's link outages at the stages that the campaign names."""
-
-        def entered(stage: Stage, _: float) -> None:
-            loop = asyncio.get_running_loop()
-            for context in self.contexts:
-                link = links.get(context.name)
-                for outage in () if link is None else link.outages:
-                    if outage.stage == stage:
-                        begun = StartOutage(context.name, outage.for_s)
-                        loop.call_later(outage.after_s, self.guard.send, begun)
-
-        run_state.on_stage(entered)
 
     def send_anchors(self) -> None:
         """Send the guard the anchors of all vehicles' local frames, as far as known.

@@ -4,6 +4,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import msgspec
+
 from wil_campaign.foundation.processes.codec import Codec, MessageError
 from wil_campaign.safety.fence.fence_values import fence_of_plain, plain_fence
 from wil_campaign.safety.fence.geofence import Fence
@@ -12,7 +14,11 @@ from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
 from wil_campaign.safety.guard.process.run_clock import PaceSetup
 from wil_campaign.vehicles.autopilots.autopilot import Autopilot
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
-from wil_campaign.vehicles.links.link_conditions import LinkConditions
+from wil_campaign.vehicles.links.link_conditions import (
+    LinkConditions,
+    LinkLayer,
+    layer_of_plain,
+)
 
 
 class GuardConfigError(ValueError):
@@ -84,5 +90,6 @@ _codec: Codec[GuardConfig] = Codec(
     plain={
         Fence: (plain_fence, fence_of_plain),
         Autopilot: (lambda autopilot: autopilot.name, autopilot_named),
+        LinkLayer: (msgspec.to_builtins, layer_of_plain),
     },
 )

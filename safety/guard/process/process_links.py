@@ -8,7 +8,7 @@ from wil_campaign.safety.guard.core.events import EventKind
 from wil_campaign.safety.guard.local_guard import GuardLinks
 from wil_campaign.safety.guard.process.guard_config import Guarded
 from wil_campaign.vehicles.links.link import Link
-from wil_campaign.vehicles.links.link_conditions import under_conditions
+from wil_campaign.vehicles.links.link_conditions import LinkSite, under_conditions
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
 from wil_campaign.vehicles.links.udp import UdpLink
@@ -35,12 +35,10 @@ def guard_links(
     near: the one to the vehicle. inner: the one to the orchestrator. report: gets link changes.
     """
     outer = under_conditions(
-        near,
+        [near, *_spare_links(guarded)],
         guarded.conditions,
         utc_s=time.time(),
-        spares=_spare_links(guarded),
-        system_id=guarded.vehicle.target.system,
-        on_switch=report,
+        site=LinkSite(guarded.vehicle.target.system, report),
     )
     gcs = open_link(parse_link(guarded.gcs)) if guarded.gcs else None
     return GuardLinks(vehicle=outer.link, orchestrator=inner, gcs=gcs, impaired=outer.impaired)

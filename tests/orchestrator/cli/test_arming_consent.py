@@ -338,7 +338,7 @@ def test_the_program_says_it_in_one_line(
 
 def test_a_driver_with_a_system_id_finds_its_vehicle_on_a_shared_link() -> None:
     """Two vehicles on one link: the one that was asked for is found."""
-    from tests.vehicles.links.test_redundant import TwoRadios
+    from tests.plugins.redundant_links.test_redundant import TwoRadios
     from wil_campaign.foundation.clocks.virtual_loop import run_virtual
     from wil_campaign.vehicles.driver import Driver
     from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig

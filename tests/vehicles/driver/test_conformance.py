@@ -15,11 +15,13 @@ from typing import Literal, get_args
 import numpy as np
 import pytest
 
+from tests.plugins.stream_links.test_flapping import patient_loop
 from tests.ports import free_port
-from tests.vehicles.links.test_flapping import patient_loop
 from wil_campaign.foundation.clocks.paced_loop import PacedLoop
 from wil_campaign.foundation.clocks.sim_clock_controller import Segment
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.plugins.impaired_links.impaired import ImpairedLink
+from wil_campaign.plugins.impaired_links.impairment import Impairment
 from wil_campaign.plugins.mavsdk import mavsdk_client
 from wil_campaign.vehicles.autopilots.autopilot import Mode
 from wil_campaign.vehicles.command_backends import command_backend_of
@@ -28,8 +30,6 @@ from wil_campaign.vehicles.driver.onboard.mission_protocol import ItemList, Miss
 from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
-from wil_campaign.vehicles.links.impaired import ImpairedLink
-from wil_campaign.vehicles.links.impairment import Impairment
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link

@@ -2,6 +2,8 @@
 
 import asyncio
 import shutil
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -15,13 +17,15 @@ from hypothesis import strategies as st
 
 from tests.ports import free_port
 from tests.safety.guard.remote_rigs import ROOT, RemoteFlight, guard_config, until
+from wil_campaign.plugins.impaired_links.impaired import Radio
+from wil_campaign.plugins.impaired_links.impairment import Bursts, Impairment, LinkOutage
+from wil_campaign.plugins.redundant_links.redundant import Redundancy
 from wil_campaign.safety.guard.core.commands import BringDown, StartOutage
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardSettings
 from wil_campaign.safety.guard.process.guard_config import GuardConfig, GuardConfigError, Guarded
 from wil_campaign.safety.guard.process.remote_guard import RemoteGuard
 from wil_campaign.vehicles.autopilots.autopilot import Target, own_heartbeat
 from wil_campaign.vehicles.autopilots.px4 import Px4
-from wil_campaign.vehicles.links.impairment import Bursts, Impairment, LinkOutage
 from wil_campaign.vehicles.links.link import LinkError
 from wil_campaign.vehicles.links.link_conditions import KeySource, LinkConditions
 from wil_campaign.vehicles.links.link_strings import parse_link
@@ -50,7 +54,7 @@ def more_of_the_twin(flight: RemoteFlight) -> Callable[[], bool]:
 
 async def test_one_link_goes_dark_for_a_while_and_the_other_does_not(tmp_path: Path) -> None:
     late = Impairment(latency_s=0.02)
-    conditions = LinkConditions(outgoing=late, incoming=late, has_later_outage=True)
+    conditions = LinkConditions(air=(Radio(outgoing=late, incoming=late, seed=(0,)),))
     settings = GuardSettings(orchestrator_silent_s=5.0, vehicle_lost_s=30.0)
     async with RemoteFlight(tmp_path, conditions=conditions, settings=settings) as flight:
         flight.guard.send(StartOutage("real", 6.0))
@@ -153,13 +157,16 @@ _impairments = st.builds(
     bandwidth_bit_s=st.none() | st.floats(100.0, 1e6),
     outages=st.lists(st.builds(LinkOutage, _times, st.floats(0.1, 3.0))).map(tuple),
 )
-_conditions = st.builds(
-    LinkConditions,
+_radios = st.builds(
+    Radio,
     outgoing=_impairments,
     incoming=_impairments,
     seed=st.lists(st.integers(0, 2**63), min_size=1).map(tuple),
+)
+_conditions = st.builds(
+    LinkConditions,
+    air=st.lists(_radios | st.just(Redundancy()), max_size=2).map(tuple),
     signing=st.none() | st.builds(KeySource, st.sampled_from(["file", "environment"]), st.text()),
-    has_later_outage=st.booleans(),
 )
 
 
@@ -177,8 +184,28 @@ def test_a_guard_config_carries_the_spare_links() -> None:
     assert there.vehicles["real"].spares == spares
 
 
+IMPORTS = """
+import sys
+from wil_campaign.safety.guard.process import guard_process
+from wil_campaign.vehicles.links.link_factory import open_link
+from wil_campaign.vehicles.links.link_strings import parse_link
+open_link(parse_link("udpin://127.0.0.1:14540"))
+print(*(name for name in sys.modules if "plugins." in name and "_links." in name))
+"""
+
+
+def test_a_guard_of_udp_links_imports_no_other_kind() -> None:
+    """It starts in 0.4 s of CPU, which each run on the wall clock waits for."""
+    command = [sys.executable, "-P", "-c", IMPORTS]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603 - ours
+    plugins = {"stream_links", "impaired_links", "redundant_links"}
+    assert set(done.stdout.split()) == {f"wil_campaign.plugins.{name}.plugin" for name in plugins}
+
+
 def test_impossible_conditions_are_no_guard_config() -> None:
-    plain = msgspec.msgpack.decode(guard_config(Path("/run")).packed())
-    plain["vehicles"]["real"]["conditions"]["outgoing"]["loss"] = 2.0
+    radio = Radio(outgoing=Impairment(), incoming=Impairment(), seed=(0,))
+    sent = guard_config(Path("/run"), conditions=LinkConditions(air=(radio,)))
+    plain = msgspec.msgpack.decode(sent.packed())
+    plain["vehicles"]["real"]["conditions"]["air"][0]["outgoing"]["loss"] = 2.0
     with pytest.raises(GuardConfigError, match="loss is 2"):
         GuardConfig.unpacked(msgspec.msgpack.encode(plain))

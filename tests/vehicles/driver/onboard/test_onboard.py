@@ -16,6 +16,8 @@ from pyulog import ULog
 
 from tests.ports import free_port
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.plugins.impaired_links.impaired import ImpairedLink
+from wil_campaign.plugins.impaired_links.impairment import Impairment
 from wil_campaign.vehicles.autopilots.autopilot import Target
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.onboard.fence_protocol import AutopilotFence
@@ -30,8 +32,6 @@ from wil_campaign.vehicles.driver.session.session import Session
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.errors import ParameterError
-from wil_campaign.vehicles.links.impaired import ImpairedLink
-from wil_campaign.vehicles.links.impairment import Impairment
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.links.memory import memory_pair

@@ -14,6 +14,8 @@ import pytest
 
 from tests.vehicles.driver.onboard.slow_disks import SlowDisk, end_threads
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.plugins.impaired_links.impaired import ImpairedLink
+from wil_campaign.plugins.impaired_links.impairment import Impairment
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.onboard import disk_access, onboard_fence
 from wil_campaign.vehicles.driver.onboard.crash_safe_file import CrashSafeFile
@@ -24,8 +26,6 @@ from wil_campaign.vehicles.driver.onboard.onboard_fence import OnboardFence
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.errors import ParameterError, VehicleError
-from wil_campaign.vehicles.links.impaired import ImpairedLink
-from wil_campaign.vehicles.links.impairment import Impairment
 from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.mavlink.fence_areas import FenceCircle, Place
 

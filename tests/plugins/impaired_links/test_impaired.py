@@ -12,8 +12,13 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
-from wil_campaign.vehicles.links.impaired import ImpairedLink
-from wil_campaign.vehicles.links.impairment import Bursts, ImpairedDirection, Impairment, LinkOutage
+from wil_campaign.plugins.impaired_links.impaired import ImpairedLink
+from wil_campaign.plugins.impaired_links.impairment import (
+    Bursts,
+    ImpairedDirection,
+    Impairment,
+    LinkOutage,
+)
 from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.mavlink.codec import Codec
 

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from wil_campaign.plugins.stream_links.reconnection import BackOff
+from wil_campaign.plugins.stream_links.tcp import TcpInLink, TcpOutLink
 from wil_campaign.vehicles.links.link import LinkError, TellsTrouble
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
-from wil_campaign.vehicles.links.reconnection import BackOff
-from wil_campaign.vehicles.links.tcp import TcpInLink, TcpOutLink
 from wil_campaign.vehicles.mavlink.codec import Codec
 
 QUICK = BackOff(first_s=0.01, longest_s=0.05)
@@ -146,7 +146,7 @@ async def test_a_second_client_is_turned_away_until_the_first_is_silent(
                 assert await reader.read() == b""
             writer.close()
             assert "was refused" in server.trouble
-            monkeypatch.setattr("wil_campaign.vehicles.links.tcp._SILENT_S", 0.0)
+            monkeypatch.setattr("wil_campaign.plugins.stream_links.tcp._SILENT_S", 0.0)
             reader, writer = await asyncio.open_connection("127.0.0.1", free_tcp_port)
             writer.write(b"second")
             await heard.holds(b"second")

@@ -5,10 +5,11 @@ import errno
 import os
 from typing import Self
 
+from wil_campaign.plugins.stream_links.reconnection import BackOff, Reconnection
+from wil_campaign.plugins.stream_links.serial_port import open_port, remedy
 from wil_campaign.vehicles.links.link import LinkError, ReceivingLink
+from wil_campaign.vehicles.links.link_factory import LinkRequest
 from wil_campaign.vehicles.links.link_strings import LinkAddress
-from wil_campaign.vehicles.links.reconnection import BackOff, Reconnection
-from wil_campaign.vehicles.links.serial_port import open_port, remedy
 
 _AT_ONCE = 4096
 _MOST_WAITING_BYTES = 4096
@@ -120,3 +121,8 @@ class SerialLink(ReceivingLink):
     def _on_lost(self, error: OSError) -> None:
         self._close()
         self._recovery.lost(error.strerror or str(error))
+
+
+def serial_link(request: LinkRequest) -> SerialLink:
+    """Return the serial link that is asked for."""
+    return SerialLink(address=request.address)

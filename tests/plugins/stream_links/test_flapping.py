@@ -14,6 +14,7 @@ from wil_campaign.foundation.clocks.lockstep import Lockstep
 from wil_campaign.foundation.clocks.paced_loop import PacedLoop
 from wil_campaign.foundation.clocks.sim_clock_controller import STEP_S
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.plugins.stream_links.reconnection import BackOff, Reconnection
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
@@ -21,7 +22,6 @@ from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
 from wil_campaign.vehicles.links.link import Link, LinkError, Receiver
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link
-from wil_campaign.vehicles.links.reconnection import BackOff, Reconnection
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
 SPEED = 8.0

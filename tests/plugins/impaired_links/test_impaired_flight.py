@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.plugins.impaired_links.impaired import ImpairedLink
+from wil_campaign.plugins.impaired_links.impairment import Bursts, Impairment, LinkOutage
 from wil_campaign.vehicles.autopilots.autopilot import Mode
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample, VehicleEvent
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
-from wil_campaign.vehicles.links.impaired import ImpairedLink
-from wil_campaign.vehicles.links.impairment import Bursts, Impairment, LinkOutage
 from wil_campaign.vehicles.links.memory import memory_pair
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
 

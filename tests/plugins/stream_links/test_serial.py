@@ -14,14 +14,14 @@ from typing import Any
 
 import pytest
 
+from wil_campaign.plugins.stream_links.reconnection import BackOff
+from wil_campaign.plugins.stream_links.serial import SerialLink
+from wil_campaign.plugins.stream_links.serial_port import open_port, remedy
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.errors import IdentifyError
 from wil_campaign.vehicles.links.link import LinkError
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
-from wil_campaign.vehicles.links.reconnection import BackOff
-from wil_campaign.vehicles.links.serial import SerialLink
-from wil_campaign.vehicles.links.serial_port import open_port, remedy
 
 QUICK = BackOff(first_s=0.01, longest_s=0.05)
 
@@ -145,7 +145,7 @@ async def test_no_permission(cable: Cable, monkeypatch: pytest.MonkeyPatch) -> N
     def refuse(*_: Any, **__: Any) -> int:
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    monkeypatch.setattr("wil_campaign.vehicles.links.serial_port.os.open", refuse)
+    monkeypatch.setattr("wil_campaign.plugins.stream_links.serial_port.os.open", refuse)
     with pytest.raises(LinkError, match="usermod -aG"):
         await _link(cable.device).__aenter__()
 

@@ -1,18 +1,22 @@
 """`links`: impairments of the link between the guard and a vehicle: latency, loss, outages."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from wil_campaign.foundation.files.documents import KeyFaultError, Part
-from wil_campaign.vehicles.faults import LATEST_S, LONGEST_S
-from wil_campaign.vehicles.links.impairment import Bursts, Impairment, LinkOutage
+from wil_campaign.campaigns.schema import CampaignPart
+from wil_campaign.campaigns.schema.faults import Duration, FlightStage
+from wil_campaign.foundation.files.documents import Document, KeyFaultError, Part, Problem
+from wil_campaign.plugins.impaired_links.impairment import Bursts, Impairment, LinkOutage
+from wil_campaign.plugins.impaired_links.link_setups import (
+    ImpairedLinks,
+    LinkSetup,
+    StageOutage,
+)
+from wil_campaign.vehicles.faults import LATEST_S
 
 Chance = Annotated[float, Field(ge=0, le=1)]
 Milliseconds = Annotated[float, Field(ge=0, le=60_000)]
-Duration = Annotated[float, Field(gt=0, le=LONGEST_S)]
-FlightStage = Literal["takeoff", "at_height", "goal", "done", "land"]
-"""Stages of a flight after which a link outage may begin."""
 
 
 class BurstsPart(Part):
@@ -109,9 +113,41 @@ class LinkPart(WayPart):
     from_vehicle: WayPart | None = None
     blackouts: list[OutagePart] = Field(default_factory=list)
 
+    def setup(self) -> LinkSetup:
+        """Return the impairments of a vehicle's link."""
+        fixed = tuple(
+            LinkOutage(outage.from_s, outage.for_s)
+            for outage in self.blackouts
+            if outage.from_s is not None
+        )
+        outgoing, incoming = self.to_vehicle or self, self.from_vehicle or self
+        return LinkSetup(
+            outgoing=outgoing.impairment(fixed),
+            incoming=incoming.impairment(fixed),
+            outages=tuple(
+                StageOutage(stage=outage.on, after_s=outage.after_s, for_s=outage.for_s)
+                for outage in self.blackouts
+                if outage.on is not None
+            ),
+        )
+
 
 class LinksPart(Part):
     """The campaign's `links`: impairments of the pair's links; a link not named has none."""
 
     real: LinkPart | None = None
     twin: LinkPart | None = None
+
+
+def links_field() -> tuple[Any, Any]:
+    """Return the type and the field of the key `links`."""
+    return LinksPart, LinksPart()
+
+
+def links_setup(
+    given: LinksPart, _campaign: Document, _part: CampaignPart, _problems: list[Problem]
+) -> ImpairedLinks | None:
+    """Return the impaired links of a case; None without any."""
+    parts = {"real": given.real, "twin": given.twin}
+    setups = {name: part.setup() for name, part in parts.items() if part is not None}
+    return ImpairedLinks(setups) if setups else None

@@ -1,14 +1,39 @@
 """A link with a simulated bad radio: frames are lost, delayed, doubled or corrupted."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
-from wil_campaign.vehicles.links.impairment import ImpairedDirection, Impairment, ImpairmentCounts
+from wil_campaign.plugins.impaired_links.impairment import (
+    ImpairedDirection,
+    Impairment,
+    ImpairmentCounts,
+)
 from wil_campaign.vehicles.links.link import Link, TellsTrouble, WrappedLink
+from wil_campaign.vehicles.links.link_conditions import LinkLayer, LinkSite
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter
+
+
+@dataclass(frozen=True, kw_only=True)
+class Radio(LinkLayer):
+    """A simulated radio: impairs the preferred link of a vehicle, not its spare ones.
+
+    outgoing, incoming: the impairment of each direction. seed: of its random numbers.
+    """
+
+    name: str = "links"
+    outgoing: Impairment
+    incoming: Impairment
+    seed: tuple[int, ...]
+
+    def over(self, links: Sequence[Link], _: LinkSite) -> list[Link]:
+        """Return the links, the first impaired."""
+        rng = np.random.default_rng(list(self.seed))
+        first = ImpairedLink(link=links[0], outgoing=self.outgoing, incoming=self.incoming, rng=rng)
+        return [first, *links[1:]]
 
 
 class ImpairedLink(WrappedLink):

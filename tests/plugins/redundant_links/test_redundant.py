@@ -8,19 +8,19 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.plugins.impaired_links.impaired import ImpairedLink, Radio
+from wil_campaign.plugins.impaired_links.impairment import Impairment
+from wil_campaign.plugins.redundant_links.redundant import SILENT_S, STEADY_S, RedundantLink
+from wil_campaign.plugins.stream_links.tcp import TcpInLink
 from wil_campaign.vehicles.autopilots.autopilot import Mode, Target, command_long
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.driver.vehicle_state import VehicleEvent
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
 from wil_campaign.vehicles.embedded.vehicle import EmbeddedVehicle
-from wil_campaign.vehicles.links.impaired import ImpairedLink
-from wil_campaign.vehicles.links.impairment import Impairment
 from wil_campaign.vehicles.links.link import Link, LinkError, Receiver
-from wil_campaign.vehicles.links.link_conditions import LinkConditions, under_conditions
+from wil_campaign.vehicles.links.link_conditions import LinkConditions, LinkSite, under_conditions
 from wil_campaign.vehicles.links.link_strings import LinkAddress
 from wil_campaign.vehicles.links.memory import memory_pair
-from wil_campaign.vehicles.links.redundant import SILENT_S, STEADY_S, RedundantLink
-from wil_campaign.vehicles.links.tcp import TcpInLink
 from wil_campaign.vehicles.mavlink.codec import Codec
 from wil_campaign.vehicles.setpoints import VelocitySetpoint
 
@@ -213,12 +213,10 @@ def test_the_first_radio_dies_in_flight(autopilot: str) -> None:
         (one, far_one), (two, far_two) = (memory_pair(latency_s=0.003) for _ in range(2))
         told: list[str] = []
         events: list[VehicleEvent] = []
-        conditions = LinkConditions(
-            outgoing=Impairment(loss=0.05), incoming=Impairment(loss=0.05), has_later_outage=True
-        )
-        both = under_conditions(
-            one, conditions, utc_s=0.0, spares=[two], system_id=1, on_switch=told.append
-        )
+        lossy = Impairment(loss=0.05)
+        conditions = LinkConditions(air=(Radio(outgoing=lossy, incoming=lossy, seed=(0,)),))
+        site = LinkSite(system_id=1, on_switch=told.append)
+        both = under_conditions([one, two], conditions, utc_s=0.0, site=site)
         config = EmbeddedConfig(autopilot=autopilot, running_s=60.0)
         async with (
             EmbeddedVehicle(config=config, link=TwoRadios([far_one, far_two]), seed=1) as vehicle,

@@ -1,10 +1,29 @@
 """`links:` of a campaign: what it means, and what is wrong with it."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
 
-from wil_campaign.vehicles.links.impairment import Impairment, LinkOutage
+from wil_campaign.plugins.impaired_links.impaired import Radio
+from wil_campaign.plugins.impaired_links.impairment import Impairment, LinkOutage
+from wil_campaign.plugins.impaired_links.link_setups import ImpairedLinks, LinkSetup
+
+
+def links_of(files: Any) -> Mapping[str, LinkSetup]:
+    """Return the impaired links of the first case."""
+    setup = next(iter(files.load().setups.values())).observers["links"]
+    assert isinstance(setup, ImpairedLinks)
+    return setup.links
+
+
+def test_only_a_link_that_is_impaired_or_goes_dark_has_a_radio(files: Any) -> None:
+    files.append("links: {real: {}, twin: {blackouts: [{on: goal, for_s: 3}]}}\n")
+    setup = next(iter(files.load().setups.values())).observers["links"]
+    assert setup.link_layer("real", (7,)) is None
+    assert setup.link_layer("intruder", (7,)) is None
+    flawless = Radio(outgoing=Impairment(), incoming=Impairment(), seed=(7,))
+    assert setup.link_layer("twin", (7,)) == flawless
 
 
 def test_a_link_is_bad_both_ways_unless_one_is_named(files: Any) -> None:
@@ -13,8 +32,7 @@ def test_a_link_is_bad_both_ways_unless_one_is_named(files: Any) -> None:
         "  real: {latency_ms: 80, jitter_ms: 40, loss: 0.05, bandwidth_kbit_s: 57.6,\n"
         "         to_vehicle: {loss: 0.5}, blackouts: [{from_s: 60, for_s: 3}]}\n"
     )
-    setup = next(iter(files.load().setups.values()))
-    (real,) = setup.links.values()
+    (real,) = links_of(files).values()
     dark = (LinkOutage(60, 3),)
     assert real.outgoing == Impairment(loss=0.5, outages=dark)
     assert real.incoming == Impairment(
@@ -24,10 +42,10 @@ def test_a_link_is_bad_both_ways_unless_one_is_named(files: Any) -> None:
 
 def test_an_outage_may_wait_for_a_stage(files: Any) -> None:
     files.append("links: {twin: {blackouts: [{on: goal, after_s: 2, for_s: 3}]}}\n")
-    setup = next(iter(files.load().setups.values()))
-    (blackout,) = setup.links["twin"].outages
+    twin = links_of(files)["twin"]
+    (blackout,) = twin.outages
     assert (blackout.stage, blackout.after_s, blackout.for_s) == ("goal", 2.0, 3.0)
-    assert setup.links["twin"].outgoing == Impairment()
+    assert twin.outgoing == Impairment()
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,16 @@ import socket
 import sys
 from typing import Self
 
-from wil_campaign.vehicles.links.byte_stream import StreamPeer
+from wil_campaign.plugins.stream_links.byte_stream import StreamPeer
+from wil_campaign.plugins.stream_links.reconnection import BackOff, Reconnection
 from wil_campaign.vehicles.links.link import LinkError, ReceivingLink
+from wil_campaign.vehicles.links.link_factory import LinkRequest
 from wil_campaign.vehicles.links.link_strings import LinkAddress
-from wil_campaign.vehicles.links.reconnection import BackOff, Reconnection
 from wil_campaign.vehicles.links.socket_errors import socket_remedy
 from wil_campaign.vehicles.mavlink.framing import FrameSplitter
 
+_SOON = BackOff(first_s=0.1, longest_s=0.5)
+"""For a simulator that is being started: ArduPilot's SITL boots only once a client connects."""
 _CONNECT_WITHIN_S = 5.0
 _SILENT_S = 3.0
 """A client that was silent for so long is replaced by one that connects."""
@@ -197,6 +200,17 @@ class TcpInLink(ReceivingLink):
     def _on_lost(self, peer: StreamPeer, why: str) -> None:
         if self._peers.pop(peer, None) is not None and not self._peers:
             self._recovery.lost(why)
+
+
+def tcp_client(request: LinkRequest) -> TcpOutLink:
+    """Return the TCP client that is asked for."""
+    back_off = _SOON if request.patient else None
+    return TcpOutLink(address=request.address, back_off=back_off, patient=request.patient)
+
+
+def tcp_server(request: LinkRequest) -> TcpInLink:
+    """Return the TCP server that is asked for, for one client."""
+    return TcpInLink(address=request.address)
 
 
 async def _close(peer: StreamPeer | None) -> None:

@@ -3,12 +3,14 @@
 import asyncio
 from collections.abc import Callable, Sequence
 from contextlib import AsyncExitStack
+from dataclasses import dataclass
 from functools import partial
 from typing import Self
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.links.link import Link, ReceivingLink, TellsTrouble
+from wil_campaign.vehicles.links.link_conditions import LinkLayer, LinkSite
 from wil_campaign.vehicles.mavlink.framing import Frame, FrameSplitter
 from wil_campaign.vehicles.mavlink.heartbeats import heartbeat_kind
 
@@ -43,6 +45,17 @@ _COMMANDS_ON_ALL_LINKS = frozenset(
         mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
     }
 )
+
+
+@dataclass(frozen=True)
+class Redundancy(LinkLayer):
+    """Joins all links to a vehicle into a redundant one."""
+
+    name: str = "spare_links"
+
+    def over(self, links: Sequence[Link], site: LinkSite) -> list[Link]:
+        """Return the one redundant link."""
+        return [RedundantLink(links=links, system_id=site.system_id, on_switch=site.on_switch)]
 
 
 class RedundantLink(ReceivingLink):

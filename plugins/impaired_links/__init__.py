@@ -1,0 +1,1 @@
+"""Simulated bad radios between guard and vehicle, by the key `links`."""

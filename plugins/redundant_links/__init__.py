@@ -1,0 +1,1 @@
+"""Redundant links to one vehicle, by the key `spare_links`."""

@@ -1,0 +1,1 @@
+"""Links by streams of bytes, which are lost and opened again: TCP, and serial ports."""
