@@ -4,6 +4,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
+from importlib.util import find_spec
 from pathlib import Path
 
 import psutil
@@ -15,7 +17,9 @@ from wil_campaign.plugins.cluster.store import Store, StoreError, StoreLimits, o
 from wil_campaign.plugins.cluster.stored_runs import begin_run, fetch_run, send_run
 
 for name in ("s3fs", "moto", "flask_cors"):
-    pytest.importorskip(name, reason="needs the extras storage and test")
+    # Imported where it is needed: each worker that collects would take half a second for it.
+    if find_spec(name) is None:
+        pytest.skip(f"needs the extras storage and test: {name}", allow_module_level=True)
 
 SERVER = """\
 import sys, time, boto3
@@ -35,20 +39,24 @@ PATIENT = StoreLimits(tries=2, pauses_s=(0.1,), answer_s=30.0)
 BRIEF = StoreLimits(tries=2, pauses_s=(0.1,), answer_s=1.0)
 
 
-@pytest.fixture
-def server(monkeypatch: pytest.MonkeyPatch) -> Iterator[psutil.Process]:
+@pytest.fixture(scope="module")
+def server() -> Iterator[psutil.Process]:
+    """A server for all tests here, which takes seconds to start; one of them kills it, the last."""
     port = free_port()
-    for name, value in {**ACCESS, "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}"}.items():
-        monkeypatch.setenv(name, value)
-    with subprocess.Popen(  # noqa: S603 - our own interpreter
-        [sys.executable, "-c", SERVER, str(port)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-    ) as process:
+    with pytest.MonkeyPatch.context() as patch, ExitStack() as stack:
+        for name, value in {**ACCESS, "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}"}.items():
+            patch.setenv(name, value)
+        process = stack.enter_context(
+            subprocess.Popen(  # noqa: S603 - our own interpreter
+                [sys.executable, "-c", SERVER, str(port)],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+            )
+        )
+        stack.callback(process.kill)
         assert process.stdout is not None
         assert process.stdout.readline() == b"up\n"
         yield psutil.Process(process.pid)
-        process.kill()
 
 
 @pytest.fixture
@@ -79,22 +87,24 @@ def test_a_missing_bucket_is_an_error_with_its_name(server: psutil.Process) -> N
     assert server.is_running()
 
 
-def test_a_server_that_vanishes_is_an_error_with_its_address(
-    server: psutil.Process, flown: Path
-) -> None:
-    store: Store = open_store("s3://wil/nightly", BRIEF)
-    assert begin_run(open_store("s3://wil/nightly", PATIENT), "gate/1", "desk")
-    server.kill()
-    server.wait()
-    with pytest.raises(StoreError, match=r"s3://wil/nightly/gate/1/\S+ cannot be written"):
-        send_run(store, "gate/1", flown, ignore)
-
-
 def test_a_server_that_stands_still_is_left_in_time(server: psutil.Process) -> None:
     store = open_store("s3://wil/nightly", BRIEF)
     server.suspend()
-    began_s = time.monotonic()
-    with pytest.raises(StoreError, match="has not answered for 1 s"):
-        store.read("gate/1/sent.json")
-    assert time.monotonic() - began_s < 20
-    server.resume()
+    try:
+        began_s = time.monotonic()
+        with pytest.raises(StoreError, match="has not answered for 1 s"):
+            store.read("gate/1/sent.json")
+        assert time.monotonic() - began_s < 20
+    finally:
+        server.resume()
+
+
+def test_a_server_that_vanishes_is_an_error_with_its_address(
+    server: psutil.Process, flown: Path
+) -> None:
+    store: Store = open_store("s3://wil/vanishes", BRIEF)
+    assert begin_run(open_store("s3://wil/vanishes", PATIENT), "gate/1", "desk")
+    server.kill()
+    server.wait()
+    with pytest.raises(StoreError, match=r"s3://wil/vanishes/gate/1/\S+ cannot be written"):
+        send_run(store, "gate/1", flown, ignore)
