@@ -8,11 +8,14 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import gc
 import signal
+from contextlib import suppress
 
 gc.disable()  # imported objects stay
 
 import cv2
 
+from wil_campaign.campaigns.expansion.case_reader import load_models
+from wil_campaign.foundation.files.problems import BadInput
 from wil_campaign.orchestrator.campaign.workers import run_order
 from wil_campaign.orchestrator.campaign.workers.run_server import remove_listeners_at_exit
 from wil_campaign.orchestrator.recording import run_video, video
@@ -28,5 +31,7 @@ for _number in (signal.SIGTERM, signal.SIGHUP):
 cv2.setNumThreads(1)  # its threads would not exist in a fork
 remove_listeners_at_exit()
 load_kept_kernels()
+with suppress(BadInput):  # a plugin that cannot be used is a fault of the runs that use it
+    load_models()
 gc.freeze()
 gc.enable()

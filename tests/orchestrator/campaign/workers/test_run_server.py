@@ -6,6 +6,8 @@ import sys
 import time
 from pathlib import Path
 
+from tests.wil_campaign.test_installed_plugins import put_distribution
+
 _PROGRAM = """
 import sys, time
 from wil_campaign.orchestrator.campaign.workers.run_server import start_run_server
@@ -24,6 +26,28 @@ if __name__ == "__main__":
     run = run_context().Process(target=os.mkdir, args=("flown",))
     run.start()
     run.join()
+"""
+_READ = """
+import sys
+from pathlib import Path
+from pydantic import BaseModel
+from wil_campaign.campaigns.expansion.expansion import Options, load_campaign
+from wil_campaign.orchestrator.campaign.workers import run_server_imports
+
+def refuse(model, **_):
+    raise AssertionError(model)
+
+there = set(sys.modules)
+BaseModel.model_rebuild = classmethod(refuse)
+load_campaign(Path(sys.argv[1]), Options()).runs[0].setup()
+print([name for name in set(sys.modules) - there if name.startswith("wil_campaign.")])
+"""
+_BROKEN = """
+from wil_campaign.hooks import implements
+
+@implements
+def recipe_steps():
+    raise ValueError("broken")
 """
 _ROOT = Path(__file__).parents[4]
 _WITHIN_S = 120.0
@@ -70,3 +94,33 @@ def test_a_file_of_the_user_is_not_imported_in_place_of_a_module(tmp_path: Path)
     assert ended.stdout == "True False\n", ended.stderr
     assert (here / "flown").is_dir(), ended.stderr
     assert list(here.glob("imported *")) == []
+
+
+def test_a_run_loads_nothing_to_read_its_files_that_the_run_server_can_load() -> None:
+    ended = subprocess.run(  # noqa: S603 - our own program
+        [sys.executable, "-c", _READ, _ROOT / "campaigns" / "gate.yaml"],
+        env={**os.environ, "PYTHONPATH": str(_ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=_WITHIN_S,
+        check=False,
+    )
+    assert ended.stdout == "[]\n", ended.stderr
+
+
+def test_a_plugin_that_cannot_be_used_does_not_end_the_run_server(tmp_path: Path) -> None:
+    """The runs that use it say what is wrong."""
+    put_distribution(tmp_path, "broken", "broken", {"broken.py": _BROKEN})
+    program = tmp_path / "program"
+    program.write_text(_RUN)
+    ended = subprocess.run(  # noqa: S603 - our own program
+        [sys.executable, program],
+        env={**os.environ, "PYTHONPATH": f"{_ROOT}:{tmp_path}"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=_WITHIN_S,
+        check=False,
+    )
+    assert (tmp_path / "flown").is_dir(), ended.stderr
+    assert ended.stderr == ""
