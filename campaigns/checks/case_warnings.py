@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 
 from wil_campaign.campaigns.checks.actor_warnings import estimated_actors, simulated_actors
+from wil_campaign.campaigns.checks.hidden_objects import hidden_objects
 from wil_campaign.campaigns.checks.limit_warnings import (
     exceeds_room,
     limit_warnings,
@@ -147,6 +148,7 @@ def caveats_of(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iterato
     yield from _unperceived_mixture(files, case, modes)
     if "wil" in modes:
         yield from wide_registration_limits(files, case)
+        yield from hidden_objects(files, case)
     yield from estimated_actors(files.campaign, case, modes)
     for mode in modes:
         scene = case.world.scene(mode, judged_world(mode))

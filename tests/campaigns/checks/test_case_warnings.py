@@ -286,6 +286,51 @@ def test_an_object_of_the_goal_that_shows_leaves_out_is_warned_of(files: Any) ->
     assert warned(files) == []
 
 
+VIRTUAL_GATE = "    color: orange\n" + EXISTS
+BLUE_GATE = VIRTUAL_GATE.replace("orange", '"#2030c0"')
+
+
+@pytest.mark.parametrize(
+    ("gate", "steps", "merge", "said"),
+    [
+        (VIRTUAL_GATE, "isolate_color: orange", "overlay: {}", ""),
+        (BLUE_GATE, "isolate_color: orange", "overlay: {}", "no filter keeps its colour (#2030c0)"),
+        (BLUE_GATE, "isolate_color: blue", "overlay: {}", ""),
+        (BLUE_GATE, "isolate_objects: [gate]", "overlay: {}", ""),
+        (VIRTUAL_GATE, "isolate_depth: {max_m: 3}", "overlay: {}", ""),
+        (
+            VIRTUAL_GATE,
+            "isolate_objects: [gate]",
+            "overlay: {priority: [real, twin]}",
+            "the merge takes nothing of the twin's image",
+        ),
+        (
+            VIRTUAL_GATE,
+            "isolate_objects: [gate]",
+            "replace: real",
+            "the merge takes nothing of the twin's image",
+        ),
+        (VIRTUAL_GATE, "isolate_color: {name: black, on: real}", "overlay: [real, twin]", ""),
+        (
+            VIRTUAL_GATE,
+            "isolate_depth: {max_m: 9}",
+            "overlay: [real, twin]",
+            "the merge takes nothing of the twin's image",
+        ),
+        (VIRTUAL_GATE, "subtract_background: {}", "overlay: {}", ""),
+        (VIRTUAL_GATE.replace("wil: Wv", "wil: both"), "isolate_color: blue", "overlay: {}", ""),
+    ],
+)
+def test_an_object_that_no_mixture_can_show_is_a_caveat(
+    files: Any, gate: str, steps: str, merge: str, said: str
+) -> None:
+    files.change("    color: orange\n", gate, file="world.yaml")
+    files.change("{isolate_objects: [gate]}", f"{{{steps}}}", file="recipe.yaml")
+    files.change("overlay: {priority: [twin, real]}", merge, file="recipe.yaml")
+    text = f"no mixture can show 'gate': {said}, and the autonomy never perceives it"
+    assert files.load().caveats == ((text,) if said else ())
+
+
 @pytest.mark.parametrize(("gap_s", "said"), [("1.0", False), ("20", True)])
 def test_positions_that_may_be_missing_for_long_are_a_caveat(
     files: Any, gap_s: str, said: bool
