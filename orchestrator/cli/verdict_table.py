@@ -4,6 +4,7 @@ import re
 import shlex
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
+from dataclasses import replace
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -88,12 +89,23 @@ def _control_cells(run: RunResult) -> Sequence[RenderableType]:
     return (passed, Text(text, style="green" if met else "bold red"), *rest)
 
 
-def conclusions(summary: Summary, requirements: Sequence[Requirement] = ()) -> list[Text]:
+def conclusions(
+    summary: Summary,
+    requirements: Sequence[Requirement] = (),
+    *,
+    told: AbstractSet[str] = frozenset(),
+) -> list[Text]:
     """Return the lines beneath the verdict table: why runs did not pass, and the conclusion.
 
-    Caveats come right before the last line, and in it.
+    Caveats come right before the last line, and in it. told: names of runs whose reason stands
+    above already.
     """
-    return [*_reasons(summary), *closing_lines(summary, requirements)]
+    unmet = list(summary.unmet)
+    for run in summary.controls:
+        if _name(run) in told:
+            unmet = [text.replace(f" ({run.bare_reason})", "") for text in unmet]
+    summary = replace(summary, unmet=tuple(unmet))
+    return [*_reasons(summary, told), *closing_lines(summary, requirements)]
 
 
 def closing_lines(
@@ -190,19 +202,27 @@ def _largest_median(figures: Sequence[Percentiles | None]) -> float | None:
     return max(medians, default=None)
 
 
-def _reasons(summary: Summary) -> list[Text]:
-    """Return the lines of runs without a clean PASS for the verdict table."""
+def _reasons(summary: Summary, told: AbstractSet[str]) -> list[Text]:
+    """Return the lines of runs without a clean PASS for the verdict table, but of those told."""
     lines = [
-        Text(f"{run.case} {run.mode} #{run.rep} {run.verdict}: {run.reason}", style="dim")
+        f"{run.case} {run.mode} #{run.rep} {run.verdict}: {_why(run)}"
         for run in summary.runs
-        if run.verdict != "PASS" or run.attempts
+        if (run.verdict != "PASS" or run.attempts) and _name(run) not in told
     ]
-    controls = [
-        Text(f"control {run.case} {run.mode} {run.verdict}, as required: {run.reason}", style="dim")
+    lines += [
+        f"control {run.case} {run.mode} {run.verdict}, as required: {_why(run)}"
         for run in summary.controls
-        if run.control is not None and run.control.met
+        if run.control is not None and run.control.met and _name(run) not in told
     ]
-    return lines + controls
+    return [Text(line, style="dim") for line in lines]
+
+
+def _name(run: RunResult) -> str:
+    return f"{run.case}/{run.mode}/{run.rep}"
+
+
+def _why(run: RunResult) -> str:
+    return "; ".join(text for text in (run.reason, run.doubt) if text)
 
 
 def explained_words(summary: Summary) -> list[Text]:
