@@ -12,6 +12,7 @@ from wil_campaign.campaigns.checks.limit_warnings import (
     room_warnings,
     rooms,
 )
+from wil_campaign.campaigns.checks.magnitude_warnings import magnitude_warnings
 from wil_campaign.campaigns.checks.mixture_warnings import unmixed_objects, wide_registration_limits
 from wil_campaign.campaigns.checks.place_checks import judged_world
 from wil_campaign.campaigns.schema import Mode, VehicleName
@@ -69,6 +70,7 @@ def case_warnings(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iter
     if "wil" in modes:
         yield from unmixed_objects(files, case)
     yield from limit_warnings(files.campaign, case)
+    yield from magnitude_warnings(files, case)
 
 
 def _raised_starts(file: Document, case: Case, modes: tuple[Mode, ...]) -> Iterator[Problem]:
