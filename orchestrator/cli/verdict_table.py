@@ -252,7 +252,9 @@ def next_steps(summary: Summary, *, file: Path, folder: Path, has_report: bool) 
     if summary.not_flown or is_cut:
         line = shlex.join(("wil-campaign", "run", str(file), "--out", str(folder), "--resume"))
         steps.append(f"next: {line} flies what is missing")
-    broken = [run for run in summary.runs if run.decided_by == f"autonomy/{run.subject}"]
+    broken = [
+        run for run in summary.runs if run.decided_by in {"autonomy", f"autonomy/{run.subject}"}
+    ]
     logs = [name for run in broken for name in run.artifacts if name.endswith(_LOGS)]
     if logs:
         log = shlex.quote(str(folder / logs[0]))

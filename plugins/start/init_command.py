@@ -31,9 +31,7 @@ _FILES = {
     "github-workflow.yml.in": _WORKFLOW,
 }
 _PROFILE = "profile.yaml"
-_BODY = (
-    "    body: {width_m: 0.3, height_m: 0.1}  # propellers included, feet to top"
-)
+_BODY = "    body: {width_m: 0.3, height_m: 0.1}  # propellers included, feet to top"
 """A vehicle's body in a campaign with a profile of its own; the values are the default's."""
 _PROFILE_KEY = re.compile(r"^( +profile: )\w+$", re.MULTILINE)
 _SCHEMAS = "schemas"
