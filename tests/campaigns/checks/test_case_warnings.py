@@ -366,8 +366,8 @@ def test_a_gate_narrower_than_the_vehicle_is_warned_of(files: Any, shape: str, f
         "world.yaml",
     )
     assert [one.partition(": ")[2] for one in warned(files)] == [
-        f"'gate' is open {free} m across, and the body of '{name}' is 0.3 m wide: it does not fly "
-        "through level"
+        f"case narrow: 'gate' is open {free} m across, and the body of '{name}' is 0.3 m wide: it "
+        "does not fly through level"
         for name in ("twin", "real")
     ]
     assert len(files.load().caveats) == 2, "a run says so too"
@@ -564,3 +564,22 @@ def test_a_rate_that_the_cameras_do_not_reach_is_reported_with_what_is_asked(fil
     files.change("rate_hz: 15", "rate_hz: 30", file="recipe.yaml")
     (fault,) = files.faults()
     assert "has a rate of 15 Hz, the recipe asks for 30 Hz" in fault
+
+
+def test_a_fault_of_one_case_names_it_where_its_line_does_not(files: Any) -> None:
+    """The class is named in `autonomy`, and what it refuses comes of the case."""
+    files.change("small: {", "small: {autonomy.with.height_m: 1, ")
+    (fault,) = files.faults()
+    assert "case small: refused by 'pilot.py:Pilot': unknown parameters" in fault
+    files.change("large: {}", "large: {autonomy.with.height_m: 1}")
+    (fault,) = files.faults()
+    assert ": refused by 'pilot.py:Pilot'" in fault
+    assert "case" not in fault
+
+
+def test_a_caveat_of_one_case_names_it(files: Any) -> None:
+    files.change("    color: orange\n", VIRTUAL_GATE, file="world.yaml")
+    files.change("{isolate_objects: [gate]}", "{isolate_color: orange}", file="recipe.yaml")
+    files.change("small: {", "small: {world.objects.gate.color: blue, ")
+    (caveat,) = files.load().caveats
+    assert caveat.startswith("case small: no mixture can show 'gate'")
