@@ -91,13 +91,13 @@ class Watcher(Protocol):
 class CampaignOutcome:
     """The outcome of a flown campaign.
 
-    folder: where its files are. told: names of the runs whose verdict the watcher has.
+    folder: where its files are. announced: names of the runs whose verdict the watcher has.
     """
 
     summary: Summary
     folder: Path
     exit_code: int
-    told: frozenset[str] = frozenset()
+    announced: frozenset[str] = frozenset()
 
 
 def fly_campaign(
@@ -214,7 +214,7 @@ class _Flight:
         """Why no further run is flown, once a file has changed."""
         self._plans = planned(campaign, arm=options.arm)
         self._results = dict(before.results)
-        self._told: set[str] = set()
+        self._announced: set[str] = set()
         self._attempts = before.attempts
         self._was_broken = before.is_broken
         self._is_real = real_runs(campaign, cleared.hardware)
@@ -313,7 +313,10 @@ class _Flight:
         if not self._options.arm and stopped is None and not broken:
             code = rehearsal_code(summary.runs)
         return CampaignOutcome(
-            summary=summary, folder=self._folder, exit_code=code, told=frozenset(self._told)
+            summary=summary,
+            folder=self._folder,
+            exit_code=code,
+            announced=frozenset(self._announced),
         )
 
     def _orders(self) -> Iterable[RunOrder]:
@@ -423,7 +426,7 @@ class _Flight:
             )
             with self._faults.recording("a verdict"):
                 self._watcher.finished(result)
-                self._told.add(order.plan.name)
+                self._announced.add(order.plan.name)
                 if result.verdict != "PASS":
                     self._show_output(order)
         if isinstance(outcome, WorkerLost) and self._is_real(order.plan):

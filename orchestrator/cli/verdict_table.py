@@ -93,19 +93,19 @@ def conclusions(
     summary: Summary,
     requirements: Sequence[Requirement] = (),
     *,
-    told: AbstractSet[str] = frozenset(),
+    announced: AbstractSet[str] = frozenset(),
 ) -> list[Text]:
     """Return the lines beneath the verdict table: why runs did not pass, and the conclusion.
 
-    Caveats come right before the last line, and in it. told: names of runs whose reason stands
+    Caveats come right before the last line, and in it. announced: names of runs whose reason stands
     above already.
     """
     unmet = list(summary.unmet)
     for run in summary.controls:
-        if _name(run) in told:
+        if _name(run) in announced:
             unmet = [text.replace(f" ({run.bare_reason})", "") for text in unmet]
     summary = replace(summary, unmet=tuple(unmet))
-    return [*_reasons(summary, told), *closing_lines(summary, requirements)]
+    return [*_reasons(summary, announced), *closing_lines(summary, requirements)]
 
 
 def closing_lines(
@@ -202,17 +202,17 @@ def _largest_median(figures: Sequence[Percentiles | None]) -> float | None:
     return max(medians, default=None)
 
 
-def _reasons(summary: Summary, told: AbstractSet[str]) -> list[Text]:
-    """Return the lines of runs without a clean PASS for the verdict table, but of those told."""
+def _reasons(summary: Summary, announced: AbstractSet[str]) -> list[Text]:
+    """Return the lines of runs without a clean PASS, but of those that were announced."""
     lines = [
         f"{run.case} {run.mode} #{run.rep} {run.verdict}: {_why(run)}"
         for run in summary.runs
-        if (run.verdict != "PASS" or run.attempts) and _name(run) not in told
+        if (run.verdict != "PASS" or run.attempts) and _name(run) not in announced
     ]
     lines += [
         f"control {run.case} {run.mode} {run.verdict}, as required: {_why(run)}"
         for run in summary.controls
-        if run.control is not None and run.control.met and _name(run) not in told
+        if run.control is not None and run.control.met and _name(run) not in announced
     ]
     return [Text(line, style="dim") for line in lines]
 

@@ -29,8 +29,8 @@ def draw_card(run: RunReport, campaign: str, images: ImagesAtTime | None, note: 
     sheet = Sheet(*SIZE_PX)
     verdict = "NO RESULT" if run.result is None else run.result.verdict
     doubt = "" if run.result is None else run.result.doubt
-    told = sheet.wrapped(headline_text(run), 22, _ROOM_PX, 1 if doubt else 2)
-    lines = [(line, INK) for line in told]
+    wrapped = sheet.wrapped(headline_text(run), 22, _ROOM_PX, 1 if doubt else 2)
+    lines = [(line, INK) for line in wrapped]
     lines += [(sheet.fitted(doubt, 22, _ROOM_PX), VERDICTS["INVALID"])] if doubt else []
     _draw_head(sheet, f"{campaign}  {run.name}", verdict, lines)
     shown = {} if images is None else images.images_bgr

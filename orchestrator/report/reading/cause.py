@@ -206,7 +206,7 @@ def _oracle_facts(oracle: OracleResult, formula: str, contact: str) -> list[tupl
     kind = oracle_kinds().get(_COLLISION if oracle.name.startswith(_COLLISION) else oracle.name)
     worst, limit = number_text(oracle.actual, oracle.unit), limit_text(oracle)
     rule = NOTHING if kind is None else f"{oracle.vehicle} {kind.summary}"
-    if isinstance(oracle.limit, float):
+    if isinstance(oracle.limit, float) and "max_m" not in rule:
         rule = rule.replace("min_m", number_text(oracle.limit, oracle.unit))
     if worst == NOTHING != limit:
         worst = "not measured"

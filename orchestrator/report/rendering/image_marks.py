@@ -29,7 +29,12 @@ def marks_svg(sight: Sight | None) -> Markup | None:
         return None
     view = f"0 0 {frame.width_px} {frame.height_px}"
     names = ", ".join(mark.name for mark in sight.marks if mark.box_px is not None)
-    attributes = {"class": "marks", "viewBox": view, "role": "img", "aria-label": f"marked: {names}"}
+    attributes = {
+        "class": "marks",
+        "viewBox": view,
+        "role": "img",
+        "aria-label": f"marked: {names}",
+    }
     return element("svg", attributes, drawn)
 
 

@@ -53,7 +53,7 @@ def test_a_short_last_line_has_all() -> None:
     assert "above" not in last
 
 
-def test_what_was_said_while_flying_is_not_said_again() -> None:
+def test_a_reason_printed_while_flying_is_not_repeated() -> None:
     late = Also("INVALID", "mixing of camera: the mixture never showed gate", 9.0)
     failed = replace(result("FAIL"), reason="never flew through gate", also=(late,))
     line = finished_line(failed).plain
@@ -63,11 +63,11 @@ def test_what_was_said_while_flying_is_not_said_again() -> None:
     name = f"{failed.case}/{failed.mode}/{failed.rep}"
     again = [line.plain for line in conclusions(found)]
     assert [doubt in line for line in again].count(True) == 1
-    once = [line.plain for line in conclusions(found, told={name})]
+    once = [line.plain for line in conclusions(found, announced={name})]
     assert once == [line for line in again if "never flew" not in line]
 
 
-def test_a_control_that_was_said_while_flying_has_no_reason_beneath_the_table() -> None:
+def test_a_control_printed_while_flying_has_no_reason_beneath_the_table() -> None:
     control = replace(
         result("INVALID"),
         reason="the mixture never showed gate",
@@ -76,7 +76,7 @@ def test_a_control_that_was_said_while_flying_has_no_reason_beneath_the_table() 
     said = f"control {control.case} {control.mode} must FAIL by reached, but was INVALID"
     found = replace(summary([result()]), controls=(control,), unmet=(f"{said} ({control.reason})",))
     name = f"{control.case}/{control.mode}/{control.rep}"
-    lines = [line.plain for line in conclusions(found, told={name})]
+    lines = [line.plain for line in conclusions(found, announced={name})]
     assert not any(control.reason in line for line in lines)
     assert f"not accepted; {said} (the" in lines[-1]
 
