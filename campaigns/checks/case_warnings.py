@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 
 from wil_campaign.campaigns.checks.actor_warnings import estimated_actors, simulated_actors
+from wil_campaign.campaigns.checks.hidden_objects import hidden_objects
 from wil_campaign.campaigns.checks.limit_warnings import (
     exceeds_room,
     limit_warnings,
@@ -11,6 +12,7 @@ from wil_campaign.campaigns.checks.limit_warnings import (
     room_warnings,
     rooms,
 )
+from wil_campaign.campaigns.checks.magnitude_warnings import magnitude_warnings
 from wil_campaign.campaigns.checks.mixture_warnings import (
     nothing_isolated,
     unmixed_objects,
@@ -72,6 +74,7 @@ def case_warnings(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iter
     if "wil" in modes:
         yield from unmixed_objects(files, case)
     yield from limit_warnings(files.campaign, case)
+    yield from magnitude_warnings(files, case)
 
 
 def _raised_starts(file: Document, case: Case, modes: tuple[Mode, ...]) -> Iterator[Problem]:
@@ -152,6 +155,7 @@ def caveats_of(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iterato
     if "wil" in modes:
         yield from wide_registration_limits(files, case)
         yield from nothing_isolated(files, case)
+        yield from hidden_objects(files, case)
     yield from estimated_actors(files.campaign, case, modes)
     for mode in modes:
         scene = case.world.scene(mode, judged_world(mode))

@@ -9,6 +9,7 @@ from pathlib import Path
 from wil_campaign.campaigns.checks.autonomy_checks import IsolatedBuilds
 from wil_campaign.campaigns.checks.case_warnings import case_warnings, caveats_of
 from wil_campaign.campaigns.checks.import_warnings import import_warnings
+from wil_campaign.campaigns.expansion.case_problems import with_cases
 from wil_campaign.campaigns.expansion.case_reader import collect_problems, read_setup, unique
 from wil_campaign.campaigns.expansion.composition import compose, is_composition
 from wil_campaign.campaigns.expansion.controls import (
@@ -183,17 +184,19 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
     read = _read(original, options)
     selected = _select(read, options)
     part, bench, files, setups = read.part, read.bench, read.files, read.setups
-    caveats = [
-        caveat
-        for name in selected.cases
-        for caveat in caveats_of(files[name], setups[name], tuple(part.modes))
-    ]
+    caveats = with_cases(
+        {name: caveats_of(files[name], setups[name], tuple(part.modes)) for name in selected.cases},
+        selected.cases,
+    )
     injected = [
         f"fault injected: {fault}" for name in selected.cases for fault in setups[name].faults
     ]
     # A composition's own options hold for all of its parts: it names them once.
     given = [] if options.composition else set_texts(options.sets, original)
-    warnings = list(_warnings(part, {name: files[name] for name in selected.names}, setups))
+    warnings = with_cases(
+        {name: _warnings(part, name, files[name], setups[name]) for name in selected.names},
+        selected.cases,
+    )
     warnings += control_warnings(read.document, part)
     required = as_required(original, read.document, part, options.composition)
     flown = {*selected.runs, *((plan.case, plan.mode) for plan in selected.controls)}
@@ -242,11 +245,15 @@ def _read(original: Document, options: Options) -> _Read:
         builds=IsolatedBuilds() if options.is_autonomy_isolated else None,
         loads_code=options.loads_code,
     )
-    setups = _setups(read, files, () if part is None else tuple(part.modes), problems, warnings)
+    bad: dict[str, BadInput] = {}
+    setups = _setups(read, files, () if part is None else tuple(part.modes), bad)
     if part is not None:
         for name, of_control in of_controls.items():
             flown = modes_of(part, part.controls[name])
-            setups |= _setups(read, {name: of_control}, flown, problems, warnings)
+            setups |= _setups(read, {name: of_control}, flown, bad)
+    problems += with_cases({name: error.problems for name, error in bad.items()}, files)
+    warnings += with_cases({name: error.warnings for name, error in bad.items()}, files)
+    if part is not None:
         problems += control_problems(document, part, setups)
     if part is None or problems:
         raise BadInput(unique(problems), unique(warnings))
@@ -310,14 +317,11 @@ def _paths(files: Iterable[CaseFiles], bench: Bench | None) -> tuple[Path, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _warnings(
-    part: CampaignPart, files: Mapping[str, CaseFiles], setups: Mapping[str, Case]
-) -> Iterator[Problem]:
-    for name, file in files.items():
-        control = part.controls.get(name)
-        modes = tuple(part.modes) if control is None else modes_of(part, control)
-        yield from case_warnings(file, setups[name], modes)
-        yield from import_warnings(file, setups[name])
+def _warnings(part: CampaignPart, name: str, file: CaseFiles, setup: Case) -> Iterator[Problem]:
+    control = part.controls.get(name)
+    modes = tuple(part.modes) if control is None else modes_of(part, control)
+    yield from case_warnings(file, setup, modes)
+    yield from import_warnings(file, setup)
 
 
 def _option_overrides(options: Options) -> tuple[Override, ...]:
@@ -365,17 +369,15 @@ def _setups(
     read: Callable[[CaseFiles, tuple[Mode, ...]], Case],
     files: Mapping[str, CaseFiles],
     modes: tuple[Mode, ...],
-    problems: list[Problem],
-    warnings: list[Problem],
+    bad: dict[str, BadInput],
 ) -> dict[str, Case]:
-    """Return the setup of every expanded case; problems are collected."""
+    """Return the setup of every expanded case; what is wrong with others is collected by name."""
     found: dict[str, Case] = {}
     for name, file in files.items():
         try:
             found[name] = read(file, modes)
         except BadInput as error:
-            problems += error.problems
-            warnings += error.warnings
+            bad[name] = error
     return found
 
 

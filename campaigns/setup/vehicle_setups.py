@@ -34,6 +34,7 @@ from wil_campaign.foundation.files.documents import (
     KeyFaultError,
     Problem,
     closest,
+    closest_file,
 )
 from wil_campaign.foundation.files.documents import Path as KeyPath
 from wil_campaign.foundation.files.paths import exists
@@ -344,7 +345,10 @@ def profile_of(campaign: Document, at: KeyPath, profile: str, problems: list[Pro
         file = campaign.path.parent / profile
         if not exists(file):
             message = f"there is no file '{profile}' beside the campaign"
-            problems.append(campaign.problem(path, message))
+            others = [one.name for one in file.parent.glob("*.y*ml")]
+            found = closest_file(file.name, others)
+            meant = str(Path(profile).parent / found) if found else ""
+            problems.append(campaign.problem(path, message, meant))
             return profile
         shown_as = os.path.normpath(Path(campaign.name).parent / profile)
         profile = str(file.resolve())

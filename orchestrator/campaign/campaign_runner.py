@@ -89,11 +89,15 @@ class Watcher(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignOutcome:
-    """The outcome of a flown campaign. folder: where its files are."""
+    """The outcome of a flown campaign.
+
+    folder: where its files are. announced: names of the runs whose verdict the watcher has.
+    """
 
     summary: Summary
     folder: Path
     exit_code: int
+    announced: frozenset[str] = frozenset()
 
 
 def fly_campaign(
@@ -210,6 +214,7 @@ class _Flight:
         """Why no further run is flown, once a file has changed."""
         self._plans = planned(campaign, arm=options.arm)
         self._results = dict(before.results)
+        self._announced: set[str] = set()
         self._attempts = before.attempts
         self._was_broken = before.is_broken
         self._is_real = real_runs(campaign, cleared.hardware)
@@ -307,7 +312,12 @@ class _Flight:
         )
         if not self._options.arm and stopped is None and not broken:
             code = rehearsal_code(summary.runs)
-        return CampaignOutcome(summary=summary, folder=self._folder, exit_code=code)
+        return CampaignOutcome(
+            summary=summary,
+            folder=self._folder,
+            exit_code=code,
+            announced=frozenset(self._announced),
+        )
 
     def _orders(self) -> Iterable[RunOrder]:
         plans: Sequence[RunPlan] = self._plans
@@ -416,6 +426,7 @@ class _Flight:
             )
             with self._faults.recording("a verdict"):
                 self._watcher.finished(result)
+                self._announced.add(order.plan.name)
                 if result.verdict != "PASS":
                     self._show_output(order)
         if isinstance(outcome, WorkerLost) and self._is_real(order.plan):

@@ -162,4 +162,6 @@ def finished_line(result: RunResult) -> Text:
         line.append(f" (attempt {len(result.attempts) + 1})", style="yellow")
     if result.reason:
         line.append(f"  {result.reason}")
+    if result.doubt:
+        line.append(f"; {result.doubt}", style="yellow")
     return line

@@ -4,6 +4,7 @@ import re
 import shlex
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
+from dataclasses import replace
 from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
@@ -88,12 +89,23 @@ def _control_cells(run: RunResult) -> Sequence[RenderableType]:
     return (passed, Text(text, style="green" if met else "bold red"), *rest)
 
 
-def conclusions(summary: Summary, requirements: Sequence[Requirement] = ()) -> list[Text]:
+def conclusions(
+    summary: Summary,
+    requirements: Sequence[Requirement] = (),
+    *,
+    announced: AbstractSet[str] = frozenset(),
+) -> list[Text]:
     """Return the lines beneath the verdict table: why runs did not pass, and the conclusion.
 
-    Caveats come right before the last line, and in it.
+    Caveats come right before the last line, and in it. announced: names of runs whose reason stands
+    above already.
     """
-    return [*_reasons(summary), *closing_lines(summary, requirements)]
+    unmet = list(summary.unmet)
+    for run in summary.controls:
+        if _name(run) in announced:
+            unmet = [text.replace(f" ({run.bare_reason})", "") for text in unmet]
+    summary = replace(summary, unmet=tuple(unmet))
+    return [*_reasons(summary, announced), *closing_lines(summary, requirements)]
 
 
 def closing_lines(
@@ -190,19 +202,27 @@ def _largest_median(figures: Sequence[Percentiles | None]) -> float | None:
     return max(medians, default=None)
 
 
-def _reasons(summary: Summary) -> list[Text]:
-    """Return the lines of runs without a clean PASS for the verdict table."""
+def _reasons(summary: Summary, announced: AbstractSet[str]) -> list[Text]:
+    """Return the lines of runs without a clean PASS, but of those that were announced."""
     lines = [
-        Text(f"{run.case} {run.mode} #{run.rep} {run.verdict}: {run.reason}", style="dim")
+        f"{run.case} {run.mode} #{run.rep} {run.verdict}: {_why(run)}"
         for run in summary.runs
-        if run.verdict != "PASS" or run.attempts
+        if (run.verdict != "PASS" or run.attempts) and _name(run) not in announced
     ]
-    controls = [
-        Text(f"control {run.case} {run.mode} {run.verdict}, as required: {run.reason}", style="dim")
+    lines += [
+        f"control {run.case} {run.mode} {run.verdict}, as required: {_why(run)}"
         for run in summary.controls
-        if run.control is not None and run.control.met
+        if run.control is not None and run.control.met and _name(run) not in announced
     ]
-    return lines + controls
+    return [Text(line, style="dim") for line in lines]
+
+
+def _name(run: RunResult) -> str:
+    return f"{run.case}/{run.mode}/{run.rep}"
+
+
+def _why(run: RunResult) -> str:
+    return "; ".join(text for text in (run.reason, run.doubt) if text)
 
 
 def explained_words(summary: Summary) -> list[Text]:
@@ -232,7 +252,9 @@ def next_steps(summary: Summary, *, file: Path, folder: Path, has_report: bool) 
     if summary.not_flown or is_cut:
         line = shlex.join(("wil-campaign", "run", str(file), "--out", str(folder), "--resume"))
         steps.append(f"next: {line} flies what is missing")
-    broken = [run for run in summary.runs if run.decided_by == f"autonomy/{run.subject}"]
+    broken = [
+        run for run in summary.runs if run.decided_by in {"autonomy", f"autonomy/{run.subject}"}
+    ]
     logs = [name for run in broken for name in run.artifacts if name.endswith(_LOGS)]
     if logs:
         log = shlex.quote(str(folder / logs[0]))

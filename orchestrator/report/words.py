@@ -15,14 +15,17 @@ MODES = {
 
 
 def number_text(value: float | None, unit: str = "", digits: int = 3) -> str:
-    """Return a number with its unit; a dash for none."""
+    """Return a number with its unit; a dash for none.
+
+    Metres of two digits keep theirs, as in the terminal's table: 0.10 m.
+    """
     if value is None or not math.isfinite(value):
         return NOTHING
     if abs(value) >= 1e6 or 0.0 < abs(value) < 10.0**-digits:
         text = f"{value:.3g}"
     else:
         text = f"{value:.{1 if abs(value) >= 100.0 and digits else digits}f}"
-        if "." in text:
+        if "." in text and (unit, digits) != ("m", 2):
             text = text.rstrip("0").rstrip(".")
     return f"{text} {unit}".rstrip()
 

@@ -284,6 +284,14 @@ class RunResult:
         """Return the reason of the decisive event, without the autonomy's last note."""
         return self.reason.removesuffix(_NOTED.format(self.note))
 
+    @property
+    def doubt(self) -> str:
+        """Return why a FAIL may not be the autonomy's: it is INVALID too; empty for others."""
+        unsound = [also.reason for also in self.also if also.verdict == "INVALID"]
+        if self.verdict != "FAIL" or not unsound:
+            return ""
+        return f"the fault may not be the autonomy's: INVALID too, for {'; '.join(unsound)}"
+
 
 def also_of(decision: Decision) -> tuple[Also, ...]:
     """Return the decisive events after the one that made the verdict; equal ones are counted."""

@@ -94,7 +94,7 @@ def files_from_log(log: Path, name: str, *, profile: bool) -> dict[str, str]:
 def _campaign(
     flight: LoggedFlight, course: Course | None, *, name: str, log: Path, profile: bool
 ) -> str:
-    autopilot = flight.autopilot or "px4"
+    autopilot, own = flight.autopilot or "px4", _PROFILE if profile else "nominal"
     yaw = 0.0 if course is None or course.yaw_rad is None else math.degrees(course.yaw_rad)
     lines = [
         "# yaml-language-server: $schema=schemas/campaign.schema.json",
@@ -107,10 +107,10 @@ def _campaign(
         "vehicles:",
         "  real:                       # embedded until you attach one: link: udpin://0.0.0.0:14550",
         "    link: embedded",
-        *_vehicle(flight, autopilot, "nominal", yaw),
+        *_vehicle(flight, autopilot, own, yaw),
         "  twin:",
         "    link: embedded",
-        *_vehicle(flight, autopilot, _PROFILE if profile else "nominal", yaw),
+        *_vehicle(flight, autopilot, own, yaw),
         "",
         "world: world.yaml",
         *_goal(course),
@@ -150,6 +150,8 @@ def _facts(flight: LoggedFlight, course: Course | None, log: Path) -> Iterator[s
 def _vehicle(flight: LoggedFlight, autopilot: str, profile: str, yaw_deg: float) -> Iterator[str]:
     yield f"    autopilot: {autopilot}"
     yield f"    profile: {profile}"
+    if profile == _PROFILE:
+        yield "    body: {width_m: 0.3, height_m: 0.1}  # propellers included, feet to top"
     yield f"    start: {{north_m: 0, east_m: 0, up_m: 0, yaw_deg: {yaw_deg:.1f}}}"
     yield "    pose_source: mavlink"
     moving = dict(_moving_parameters(flight, autopilot))

@@ -51,7 +51,8 @@ class ProgramRunner(ForeignRunner):
     the images of `camera`, which has their size and rate. Where too few of them can be sent while
     the goal is flown, the run is INVALID, as a blind program proves nothing.
     Its setpoints are passed from the goal on; it is done when it ends with exit code 0. Any other
-    end is a FAIL of the run, like the crash of any autonomy. Wall clock only.
+    end is a FAIL of the run, like the crash of any autonomy; an ERROR before its goal. Wall
+    clock only.
     """
 
     def __init__(
@@ -190,9 +191,9 @@ class ProgramRunner(ForeignRunner):
             return
         how = ending.result()
         if how.crashed or not self._gate.flying:
-            when = "" if how.crashed else ", before it was given the goal"
+            when = "" if self._gate.flying else ", before it was given the goal"
             self._run_state.decide(
-                "FAIL",
+                "FAIL" if self._gate.flying else "ERROR",
                 f"the autonomy of {self.context.name} {how}{when}"
                 + (f": {how.tail}" if how.tail else ""),
                 source=f"autonomy/{self.context.name}",

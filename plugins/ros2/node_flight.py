@@ -279,7 +279,8 @@ class _NodeFlight:
         while True:
             if self._node is not None and self._node.has_ended:
                 lines = self._node.last_lines()
-                raise self._fault(f"is a node that {self._node} before it was ready: {lines}")
+                message = f"is a node that {self._node} before it was ready: {lines}"
+                raise self._fault(message, "ERROR")
             if trouble := self._wire.trouble():
                 raise WireError(trouble)
             now, now_s = self._topics.subscribed(), time.monotonic()
@@ -315,7 +316,8 @@ class _NodeFlight:
         is_done = node is not None and node.exit_code == 0 and state.reached("goal")
         if node is None or is_done or not self._is_ready:
             return
-        fault = AutonomyFault(f"is a node that {node}: {node.last_lines()}")
+        # From its goal on it is a FAIL (`decide_fault`).
+        fault = AutonomyFault(f"is a node that {node}: {node.last_lines()}", kind="ERROR")
         try:
             if self._autonomy is not None:
                 self._autonomy.hear_abort()

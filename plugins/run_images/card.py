@@ -1,13 +1,16 @@
 """The card of a run: its moment as one picture, with verdict, images and plan."""
 
+from collections.abc import Sequence
+
 from wil_campaign.orchestrator.report.model import RunReport
 from wil_campaign.orchestrator.report.words import short_time
-from wil_campaign.plugins.run_images.drawing import DIM, SUBJECTS, VERDICTS, Sheet
+from wil_campaign.plugins.run_images.drawing import DIM, INK, SUBJECTS, VERDICTS, Rgb, Sheet
 from wil_campaign.plugins.run_images.plan import PlanBox, draw_plan
 from wil_campaign.plugins.run_images.recorded_images import ImagesAtTime
 
 SIZE_PX = (1200, 675)
 _MARGIN = 32
+_ROOM_PX = SIZE_PX[0] - 2 * _MARGIN
 _IMAGE_PX = 330
 _STEP_PX = 403
 _IMAGES_TOP = 156
@@ -25,7 +28,11 @@ def draw_card(run: RunReport, campaign: str, images: ImagesAtTime | None, note: 
     """Return the card of a run. images: of its moment. note: who flew as real, as a sentence."""
     sheet = Sheet(*SIZE_PX)
     verdict = "NO RESULT" if run.result is None else run.result.verdict
-    _draw_head(sheet, f"{campaign}  {run.name}", verdict, headline_text(run))
+    doubt = "" if run.result is None else run.result.doubt
+    wrapped = sheet.wrapped(headline_text(run), 22, _ROOM_PX, 1 if doubt else 2)
+    lines = [(line, INK) for line in wrapped]
+    lines += [(sheet.fitted(doubt, 22, _ROOM_PX), VERDICTS["INVALID"])] if doubt else []
+    _draw_head(sheet, f"{campaign}  {run.name}", verdict, lines)
     shown = {} if images is None else images.images_bgr
     for column, source in enumerate(_ORDER):
         left = _MARGIN + column * _STEP_PX
@@ -51,12 +58,11 @@ def headline_text(run: RunReport) -> str:
     return "It has no result."
 
 
-def _draw_head(sheet: Sheet, name: str, verdict: str, headline: str) -> None:
+def _draw_head(sheet: Sheet, name: str, verdict: str, lines: Sequence[tuple[str, Rgb]]) -> None:
     width = sheet.badge((_MARGIN, 26), verdict, 22, VERDICTS.get(verdict, DIM))
     sheet.text((_MARGIN + width + 16, 30), name, 22)
-    room = sheet.width - 2 * _MARGIN
-    for row, line in enumerate(sheet.wrapped(headline, 22, room, 2)):
-        sheet.text((_MARGIN, 70 + 30 * row), line, 22)
+    for row, (line, colour) in enumerate(lines):
+        sheet.text((_MARGIN, 70 + 30 * row), line, 22, colour)
 
 
 def _draw_facts(sheet: Sheet, run: RunReport, images: ImagesAtTime | None, note: str) -> None:

@@ -31,6 +31,8 @@ _FILES = {
     "github-workflow.yml.in": _WORKFLOW,
 }
 _PROFILE = "profile.yaml"
+_BODY = "    body: {width_m: 0.3, height_m: 0.1}  # propellers included, feet to top"
+"""A vehicle's body in a campaign with a profile of its own; the values are the default's."""
 _PROFILE_KEY = re.compile(r"^( +profile: )\w+$", re.MULTILINE)
 _SCHEMAS = "schemas"
 """The folder of the JSON Schemas that the first lines of the files name, for editors."""
@@ -133,7 +135,7 @@ def _template(name: str, kinds: PluginOptions, *, profile: bool) -> dict[str, st
     if profile:
         texts[_PROFILE] = _filled("profile.yaml.in", name)
         campaign = texts["campaign.yaml"]
-        texts["campaign.yaml"] = _PROFILE_KEY.sub(rf"\g<1>{_PROFILE}", campaign)
+        texts["campaign.yaml"] = _PROFILE_KEY.sub(rf"\g<1>{_PROFILE}\n{_BODY}", campaign)
     for kind in given(kinds):
         texts = load(added(starter_options)[kind].files)(texts)
     return texts

@@ -13,7 +13,7 @@ from wil_campaign.foundation.files.document_writer import write_whole
 from wil_campaign.foundation.files.problems import printable
 from wil_campaign.orchestrator.cli.markdown import markdown_table, markdown_text
 from wil_campaign.orchestrator.cli.standard_streams import err, out
-from wil_campaign.orchestrator.cli.text_table import table
+from wil_campaign.orchestrator.cli.text_table import count_text, table
 from wil_campaign.orchestrator.reading.errors import ResultsFolderError
 from wil_campaign.orchestrator.recording.timestamps import utc_text
 from wil_campaign.plugins.statistics.comparison.baseline import FlownSet
@@ -196,9 +196,13 @@ def _sentences(compared: FolderComparison) -> list[str]:
     worse = [f"{change.case}/{change.mode} {change.what}" for change in found.worse]
     undecided = sum(change.outcome == "undecided" for change in found.changes)
     last = f"worse: {', '.join(worse)}" if worse else "nothing became worse beyond chance and size"
-    if found.flips and not worse:
-        runs = "1 run" if len(found.flips) == 1 else f"{len(found.flips)} runs"
-        last += f"; {runs} of equal seed changed the verdict"
+    if found.flips:
+        # First, since under the virtual clock it is no chance.
+        changed = f"{len(found.flips)} of {count_text(found.equal_seeds, 'run')} of equal seed"
+        last = f"{changed} changed the verdict; {last}"
+    elif found.equal_seeds:
+        kept = count_text(found.equal_seeds, "run")
+        last += f"; {kept} of equal seed kept the verdict"
     if undecided:
         last += f"; {undecided} lost more than the limit, which may be chance: fly more"
     return [*lines, last]

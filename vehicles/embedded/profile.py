@@ -5,6 +5,7 @@ and say only what differs.
 """
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -45,8 +46,10 @@ Racing motors are the strongest for their weight: 28 to 34 g pull about 1.5 kg, 
 the ends of their arms, whatever the rest of the body has.
 """
 _USUAL_SHARES = {"xx": 0.2, "yy": 0.2, "zz": 0.4}
-"""Of mass times arm², that published quadrotors have: those of the profiles 0.15 to 0.31 in roll
-and pitch, 0.26 to 0.5 in yaw."""
+_PUBLISHED_SHARES = {"xx": (0.15, 0.31), "yy": (0.15, 0.31), "zz": (0.26, 0.5)}
+"""Of mass times arm², that published quadrotors have: those of the profiles."""
+_UNUSUAL = 2.0
+"""So many times beside the published shares an inertia is probably another drone's."""
 
 
 class ProfileError(ValueError):
@@ -83,6 +86,14 @@ class Battery(Part):
     hover_current_a: Positive
     resistance_ohm: Nonnegative
     thrust_loss: Annotated[float, Field(ge=0.0, le=0.5)]
+
+    @model_validator(mode="after")
+    def _discharges(self) -> Self:
+        """Refuse a battery that is not emptier at its lower voltage."""
+        if self.empty_v >= self.full_v:
+            message = f"{self.empty_v:g} V is not below full_v, {self.full_v:g} V"
+            raise KeyFaultError("empty_v", message)
+        return self
 
 
 class EstimatorNoise(Part):
@@ -182,6 +193,20 @@ class AirframeNumbers(Part):
                 message += f" arms of {self.arm_m:g} m have alone ({least_kg_m2:.2g}): set {key} "
                 message += f"too, usually about {share:g} mass x arm², {usual_kg_m2:.2g} kg m²"
                 raise KeyFaultError(key, message)
+
+    def unusual(self) -> Iterator[str]:
+        """Yield in words each inertia that is far from that of quadrotors of its mass and arms."""
+        for axis, (least, most) in _PUBLISHED_SHARES.items():
+            given_kg_m2: float = getattr(self, f"inertia_{axis}_kg_m2")
+            whole_kg_m2 = self.mass_kg * self.arm_m**2
+            share = given_kg_m2 / whole_kg_m2
+            if not least / _UNUSUAL <= share <= most * _UNUSUAL:
+                usual_kg_m2 = _USUAL_SHARES[axis] * whole_kg_m2
+                yield (
+                    f"airframe.inertia_{axis}_kg_m2 of {given_kg_m2:g} is {share:.2g} x mass x "
+                    f"arm², published quadrotors have {least:g} to {most:g}: usually about "
+                    f"{usual_kg_m2:.2g} kg m² for {self.mass_kg:g} kg on arms of {self.arm_m:g} m"
+                )
 
     @property
     def motor_span_m(self) -> float:

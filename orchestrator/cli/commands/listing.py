@@ -34,12 +34,26 @@ What = Literal[
 Row = dict[str, Any]
 
 _WIDTH = 100
+_MEANINGS: dict[What, str] = {
+    "campaigns": "those in ./campaigns and those of the program",
+    "operators": "steps of recipes",
+    "autonomies": "what `autonomy.use` may name",
+    "oracles": "what `oracles` may name",
+    "signals": "what formulas of oracles (stl) may name",
+    "sensors": "their types, and the keys of each",
+    "autopilots": "what vehicles may have, from which version on",
+    "plugins": "what extends the program, of which distribution, and what each adds",
+}
 
 
 def list_available(
-    what: What, *, json_: Annotated[bool, Parameter(name="--json", negative=())] = False
+    what: What | None = None,
+    *,
+    json_: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
     """List what campaigns can name: operators, autonomies, oracles, sensors; campaigns; plugins.
+
+    Without WHAT: what there is to list.
 
     Parameters
     ----------
@@ -52,7 +66,7 @@ def list_available(
     json_
         Print one JSON document.
     """
-    rows = _LISTS[what]()
+    rows = _subjects() if what is None else _LISTS[what]()
     if json_:
         out(json.dumps(rows, indent=2, ensure_ascii=False))
     elif what == "oracles":
@@ -62,6 +76,10 @@ def list_available(
     elif rows:
         out(table(tuple(rows[0]), [tuple(map(str, row.values())) for row in rows]))
     return 0
+
+
+def _subjects() -> list[Row]:
+    return [{"command": f"wil-campaign list {what}", "lists": _MEANINGS[what]} for what in _LISTS]
 
 
 def _campaigns() -> list[Row]:

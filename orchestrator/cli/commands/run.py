@@ -175,7 +175,7 @@ def _print_verdicts(
     console.print()
     for text in () if report is None else report.texts:
         console.print(text)
-    for line in conclusions(outcome.summary, campaign.requirements):
+    for line in conclusions(outcome.summary, campaign.requirements, announced=outcome.announced):
         console.print(line)
     if report is not None:
         console.print(f"report: {report.path}")

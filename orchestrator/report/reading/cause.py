@@ -134,10 +134,9 @@ def notes_of(result: RunResult, *, at_s: float | None, goal_s: float | None) -> 
 
     at_s: time of the decisive event; None for a PASS, or where it is not known.
     """
-    unsound = [also.reason for also in result.also if also.verdict == "INVALID"]
     found = []
-    if result.verdict == "FAIL" and unsound:
-        found.append(f"The fault may not be the autonomy's: INVALID too, for {'; '.join(unsound)}")
+    if result.doubt:
+        found.append(f"{result.doubt[0].upper()}{result.doubt[1:]}")
     left = None if result.twin is None else result.twin.dropped_out
     if left is not None:
         text = f"The twin dropped out {time_text(left.at_s, goal_s)}"
@@ -207,7 +206,7 @@ def _oracle_facts(oracle: OracleResult, formula: str, contact: str) -> list[tupl
     kind = oracle_kinds().get(_COLLISION if oracle.name.startswith(_COLLISION) else oracle.name)
     worst, limit = number_text(oracle.actual, oracle.unit), limit_text(oracle)
     rule = NOTHING if kind is None else f"{oracle.vehicle} {kind.summary}"
-    if isinstance(oracle.limit, float):
+    if isinstance(oracle.limit, float) and "max_m" not in rule:
         rule = rule.replace("min_m", number_text(oracle.limit, oracle.unit))
     if worst == NOTHING != limit:
         worst = "not measured"

@@ -180,7 +180,7 @@ def _case_row(
         passed=f"{passed}/{len(runs)}",
         required=required,
         verdict=verdict,
-        clearance_m=number_text(min(clearances, default=None), digits=2),
+        clearance_m=number_text(min(clearances, default=None), "m", 2).removesuffix(" m"),
         skew_ms=number_text(max((1000.0 * skew for skew in skews), default=None), digits=0),
         registration_px=f"{max(errors):.1f}" if errors else NOTHING,
         badge=badge,

@@ -1,7 +1,5 @@
 """Renders the report page from the reading model; everything from a file is escaped; pure.
 
-Marks on an image: a box around each relevant object, and the touched part; SVG.
-
 A lidar scan seen from above, forward up; SVG.
 """
 
@@ -17,8 +15,9 @@ import yaml
 from markupsafe import Markup
 
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
-from wil_campaign.orchestrator.report.model import Frame, Mark, RunReport, Scan, Sight
+from wil_campaign.orchestrator.report.model import Frame, RunReport, Scan, Sight
 from wil_campaign.orchestrator.report.rendering import overview
+from wil_campaign.orchestrator.report.rendering.image_marks import marks_svg
 from wil_campaign.orchestrator.report.rendering.map_svg import map_svg
 from wil_campaign.orchestrator.report.rendering.markup import element, points_text, visible
 from wil_campaign.orchestrator.report.rendering.page_parts import environment, render_template
@@ -75,45 +74,6 @@ def _dots(scan: Scan, scale: float, far_m: float) -> Iterator[Markup]:
     kind = scan.source if scan.source in {"real", "twin", "mixed"} else "other"
     path = " ".join(f"M{points_text([end])}h0" for end in ends)
     yield element("path", {"class": f"beams {kind}", "d": path})
-
-
-_PAD_PX = 3.0
-_INSET_PX = 1.5
-_TEXT_SHARE = 0.042
-"""Text height as a share of the image width."""
-
-
-def marks_svg(sight: Sight | None) -> Markup | None:
-    """Return the marks of a sight as an overlay of its image; None without any."""
-    if sight is None or not isinstance(sight.perceived, Frame):
-        return None
-    frame = sight.perceived
-    drawn = [shape for mark in sight.marks for shape in _mark(mark, frame)]
-    if not drawn:
-        return None
-    box = f"0 0 {frame.width_px} {frame.height_px}"
-    names = ", ".join(mark.name for mark in sight.marks if mark.box_px is not None)
-    attributes = {"class": "marks", "viewBox": box, "role": "img", "aria-label": f"marked: {names}"}
-    return element("svg", attributes, drawn)
-
-
-def _mark(mark: Mark, frame: Frame) -> Iterator[Markup]:
-    if mark.box_px is None:
-        return
-    left, top = (max(_INSET_PX, value - _PAD_PX) for value in mark.box_px[:2])
-    right = min(frame.width_px - _INSET_PX, mark.box_px[2] + _PAD_PX)
-    bottom = min(frame.height_px - _INSET_PX, mark.box_px[3] + _PAD_PX)
-    place = {"x": left, "y": top, "width": right - left, "height": bottom - top}
-    for kind in ("halo", "box"):
-        yield element("rect", {"class": kind, **place})
-    if len(mark.outline_px) > 2:
-        points = points_text(mark.outline_px)
-        yield element("polygon", {"class": "touched", "points": points})
-    size = _TEXT_SHARE * frame.width_px
-    inside = top < size + 2.0
-    y = top + size + 1.0 if inside else top - 4.0
-    text = {"x": left + (4.0 if inside else 0.0), "y": y, "font-size": size}
-    yield element("text", text, [mark.name])
 
 
 @dataclass(frozen=True, slots=True)

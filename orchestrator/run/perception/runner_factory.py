@@ -221,7 +221,8 @@ def _build_autonomy(setup: RunSetup, name: str, memory: MemoryMeter) -> Autonomy
             limit="build_s",
         )
     except AutonomyFault as fault:
-        raise AutonomyFault(f"the autonomy of {name} {fault}", fault.trace, fault.kind) from None
+        # Nothing is armed yet: without it the test did not take place.
+        raise AutonomyFault(f"the autonomy of {name} {fault}", fault.trace, "ERROR") from None
     if excess := memory.excess():
         raise AutonomyFault(f"the autonomy of {name} {excess}", kind="ERROR")
     return built

@@ -62,8 +62,8 @@ class Comparison:
     only_before, only_after: cells as "case/mode" that the other does not have. unproven: cells
     without a PASS or FAIL on one side. fewer_proven: cells with a larger share of INVALID, ERROR or
     ABORTED flights than before, which rates and margins leave out; as texts. flips: runs whose
-    verdict changed under the same seed. removed_oracles: oracles that judged a shared cell before,
-    and are gone or only reported now; as texts.
+    verdict changed under the same seed. equal_seeds: how many runs had one. removed_oracles:
+    oracles that judged a shared cell before, and are gone or only reported now; as texts.
     """
 
     changes: tuple[Change, ...]
@@ -73,6 +73,7 @@ class Comparison:
     flips: tuple[str, ...] = ()
     fewer_proven: tuple[str, ...] = ()
     removed_oracles: tuple[str, ...] = ()
+    equal_seeds: int = 0
 
     @property
     def is_less(self) -> bool:
@@ -118,6 +119,7 @@ def compare(before: Cells, after: Cells, limits: Limits) -> Comparison:
         only_after=tuple("/".join(cell) for cell in after if cell not in before),
         unproven=tuple(unproven),
         flips=tuple(text for cell in shared for text in _flips(before[cell], after[cell])),
+        equal_seeds=sum(len(_paired(before[cell], after[cell])) for cell in shared),
         fewer_proven=tuple(fewer_proven),
         removed_oracles=tuple(
             text for cell in shared for text in _removed_oracles(cell, before[cell], after[cell])
@@ -275,13 +277,21 @@ def _corrected(changes: Sequence[Change], limits: Limits) -> list[Change]:
 
 def _flips(old: Sequence[RunResult], new: Sequence[RunResult]) -> list[str]:
     """Return runs whose verdict differs from the one that their seed always had before."""
+    return [
+        f"{run.case}/{run.mode}/{run.rep}: {had} before, {run.verdict} now"
+        for run, had in _paired(old, new)
+        if run.verdict != had
+    ]
+
+
+def _paired(old: Sequence[RunResult], new: Sequence[RunResult]) -> list[tuple[RunResult, str]]:
+    """Return the new runs whose seed was flown before, with the verdict that it always had."""
     by_seed: dict[int, set[str]] = {}
     for run in old:
         if is_proven(run):
             by_seed.setdefault(run.seed, set()).add(run.verdict)
     return [
-        f"{run.case}/{run.mode}/{run.rep}: {next(iter(had))} before, {run.verdict} now"
+        (run, next(iter(had)))
         for run in new
         if is_proven(run) and len(had := by_seed.get(run.seed, set())) == 1
-        if run.verdict not in had
     ]

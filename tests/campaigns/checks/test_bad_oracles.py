@@ -83,7 +83,7 @@ def test_an_object_that_one_case_takes_away_is_not_called_unknown(
     text = files.path.read_text().splitlines()
     line = next(n for n, one in enumerate(text, 1) if "empty:" in one)
     assert files.faults() == [
-        f"campaign.yaml:{at}: oracle 'near': 'guest' is not in Wv in mode {mode} "
+        f"campaign.yaml:{at}: case empty: oracle 'near': 'guest' is not in Wv in mode {mode} "
         f"(see its exists_in, campaign.yaml:{line})"
         for mode in ("sim", "wil")
     ]

@@ -297,6 +297,51 @@ def test_an_object_of_the_goal_that_shows_leaves_out_is_warned_of(files: Any) ->
     assert warned(files) == []
 
 
+VIRTUAL_GATE = "    color: orange\n" + EXISTS
+BLUE_GATE = VIRTUAL_GATE.replace("orange", '"#2030c0"')
+
+
+@pytest.mark.parametrize(
+    ("gate", "steps", "merge", "said"),
+    [
+        (VIRTUAL_GATE, "isolate_color: orange", "overlay: {}", ""),
+        (BLUE_GATE, "isolate_color: orange", "overlay: {}", "no filter keeps its colour (#2030c0)"),
+        (BLUE_GATE, "isolate_color: blue", "overlay: {}", ""),
+        (BLUE_GATE, "isolate_objects: [gate]", "overlay: {}", ""),
+        (VIRTUAL_GATE, "isolate_depth: {max_m: 3}", "overlay: {}", ""),
+        (
+            VIRTUAL_GATE,
+            "isolate_objects: [gate]",
+            "overlay: {priority: [real, twin]}",
+            "the merge takes nothing of the twin's image",
+        ),
+        (
+            VIRTUAL_GATE,
+            "isolate_objects: [gate]",
+            "replace: real",
+            "the merge takes nothing of the twin's image",
+        ),
+        (VIRTUAL_GATE, "isolate_color: {name: black, on: real}", "overlay: [real, twin]", ""),
+        (
+            VIRTUAL_GATE,
+            "isolate_depth: {max_m: 9}",
+            "overlay: [real, twin]",
+            "the merge takes nothing of the twin's image",
+        ),
+        (VIRTUAL_GATE, "subtract_background: {}", "overlay: {}", ""),
+        (VIRTUAL_GATE.replace("wil: Wv", "wil: both"), "isolate_color: blue", "overlay: {}", ""),
+    ],
+)
+def test_an_object_that_no_mixture_can_show_is_a_caveat(
+    files: Any, gate: str, steps: str, merge: str, said: str
+) -> None:
+    files.change("    color: orange\n", gate, file="world.yaml")
+    files.change("{isolate_objects: [gate]}", f"{{{steps}}}", file="recipe.yaml")
+    files.change("overlay: {priority: [twin, real]}", merge, file="recipe.yaml")
+    text = f"no mixture can show 'gate': {said}, and the autonomy never perceives it"
+    assert files.load().caveats == ((text,) if said else ())
+
+
 @pytest.mark.parametrize(("gap_s", "said"), [("1.0", False), ("20", True)])
 def test_positions_that_may_be_missing_for_long_are_a_caveat(
     files: Any, gap_s: str, said: bool
@@ -332,8 +377,8 @@ def test_a_gate_narrower_than_the_vehicle_is_warned_of(files: Any, shape: str, f
         "world.yaml",
     )
     assert [one.partition(": ")[2] for one in warned(files)] == [
-        f"'gate' is open {free} m across, and the body of '{name}' is 0.3 m wide: it does not fly "
-        "through level"
+        f"case narrow: 'gate' is open {free} m across, and the body of '{name}' is 0.3 m wide: it "
+        "does not fly through level"
         for name in ("twin", "real")
     ]
     assert len(files.load().caveats) == 2, "a run says so too"
@@ -533,3 +578,22 @@ def test_a_rate_that_the_cameras_do_not_reach_is_reported_with_what_is_asked(fil
     files.change("rate_hz: 15", "rate_hz: 30", file="recipe.yaml")
     (fault,) = files.faults()
     assert "has a rate of 15 Hz, the recipe asks for 30 Hz" in fault
+
+
+def test_a_fault_of_one_case_names_it_where_its_line_does_not(files: Any) -> None:
+    """The class is named in `autonomy`, and what it refuses comes of the case."""
+    files.change("small: {", "small: {autonomy.with.height_m: 1, ")
+    (fault,) = files.faults()
+    assert "case small: refused by 'pilot.py:Pilot': unknown parameters" in fault
+    files.change("large: {}", "large: {autonomy.with.height_m: 1}")
+    (fault,) = files.faults()
+    assert ": refused by 'pilot.py:Pilot'" in fault
+    assert "case" not in fault
+
+
+def test_a_caveat_of_one_case_names_it(files: Any) -> None:
+    files.change("    color: orange\n", VIRTUAL_GATE, file="world.yaml")
+    files.change("{isolate_objects: [gate]}", "{isolate_color: orange}", file="recipe.yaml")
+    files.change("small: {", "small: {world.objects.gate.color: blue, ")
+    (caveat,) = files.load().caveats
+    assert caveat.startswith("case small: no mixture can show 'gate'")

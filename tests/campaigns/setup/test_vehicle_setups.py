@@ -237,7 +237,10 @@ def test_faults_of_a_profile_are_reported_in_its_own_file(files: Any) -> None:
     assert "hall.yaml:16:11: must be at most 0.2, is 2" in fault
     files.change("    profile: hall.yaml\n", "    profile: hull.yaml\n")
     (fault,) = files.faults()
-    assert "campaign.yaml:7:14: there is no file 'hull.yaml' beside the campaign" in fault
+    assert (
+        "campaign.yaml:7:14: there is no file 'hull.yaml' beside the campaign; did you mean "
+        "'hall.yaml'?" in fault
+    )
 
 
 def test_a_body_of_its_own_is_judged_and_has_to_stand_free(files: Any) -> None:

@@ -4,12 +4,15 @@ from dataclasses import replace
 from pathlib import Path
 
 from tests.orchestrator.run_results.test_results import result, summary
+from wil_campaign.orchestrator.cli.progress_display import finished_line
 from wil_campaign.orchestrator.cli.verdict_table import (
     LAST_LINE,
     conclusions,
     explained_words,
     next_steps,
 )
+from wil_campaign.orchestrator.run_results.control_results import ControlResult
+from wil_campaign.orchestrator.run_results.run_result import Also
 
 
 def test_text_too_long_for_the_last_line_stands_above_it() -> None:
@@ -48,6 +51,34 @@ def test_a_short_last_line_has_all() -> None:
     last = conclusions(found)[-1].plain
     assert last.startswith("accepted of what was flown; required but left out: large/wil (the ")
     assert "above" not in last
+
+
+def test_a_reason_printed_while_flying_is_not_repeated() -> None:
+    late = Also("INVALID", "mixing of camera: the mixture never showed gate", 9.0)
+    failed = replace(result("FAIL"), reason="never flew through gate", also=(late,))
+    line = finished_line(failed).plain
+    doubt = "; the fault may not be the autonomy's: INVALID too, for mixing of camera: "
+    assert f"never flew through gate{doubt}the mixture never showed gate" in line
+    found = summary([failed])
+    name = f"{failed.case}/{failed.mode}/{failed.rep}"
+    again = [line.plain for line in conclusions(found)]
+    assert [doubt in line for line in again].count(True) == 1
+    once = [line.plain for line in conclusions(found, announced={name})]
+    assert once == [line for line in again if "never flew" not in line]
+
+
+def test_a_control_printed_while_flying_has_no_reason_beneath_the_table() -> None:
+    control = replace(
+        result("INVALID"),
+        reason="the mixture never showed gate",
+        control=ControlResult("large", "FAIL", "reached", None, met=False),
+    )
+    said = f"control {control.case} {control.mode} must FAIL by reached, but was INVALID"
+    found = replace(summary([result()]), controls=(control,), unmet=(f"{said} ({control.reason})",))
+    name = f"{control.case}/{control.mode}/{control.rep}"
+    lines = [line.plain for line in conclusions(found, announced={name})]
+    assert not any(control.reason in line for line in lines)
+    assert f"not accepted; {said} (the" in lines[-1]
 
 
 def test_words_are_explained_where_they_stand() -> None:

@@ -9,6 +9,8 @@ from mcap_ros2.writer import Writer
 
 from tests.orchestrator.conftest import Fly
 from tests.plugins.logs.logs_of_flights import CORNERS, EPOCH_S, FRAME, flown, write_tlog
+from wil_campaign.campaigns.schema.vehicles import BodyPart
+from wil_campaign.campaigns.setup.vehicle_setups import EMBEDDED_BODY
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.ardupilot.copter.data_flash import DataFlash
 from wil_campaign.plugins.logs.course import course_of
@@ -144,6 +146,9 @@ def test_a_campaign_of_a_log_validates(tmp_path: Path, capsys: Capture) -> None:
     assert "# firmware: 1.16.2 (abcdef12)" in text
     assert "# The embedded vehicle is a quadrotor" in text
     campaign = yaml.safe_load(text)
+    for vehicle in campaign["vehicles"].values():
+        assert vehicle["profile"] == "profile.yaml"
+        assert BodyPart(**vehicle["body"]).shape() == EMBEDDED_BODY
     assert campaign["vehicles"]["real"]["params"] == {"MPC_XY_CRUISE": 2.5}
     assert campaign["vehicles"]["real"]["start"]["yaw_deg"] == 30.0
     assert (place / "px4.params").read_text().splitlines()[1:] == [

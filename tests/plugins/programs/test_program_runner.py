@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.orchestrator.external.rigs import FakeStation, until
@@ -243,10 +244,14 @@ async def test_a_program_that_is_blind_does_not_fly_on(tmp_path: Path) -> None:
     assert [event.kind for event in one.run_state.decisive] == ["INVALID"]
 
 
-async def test_an_end_before_the_goal_was_given_fails_the_run(tmp_path: Path) -> None:
-    async with rig(tmp_path, "-c", "pass") as one:
+@pytest.mark.parametrize("code", ["pass", "import no_such_module"])
+async def test_an_end_before_the_goal_was_given_is_an_error(tmp_path: Path, code: str) -> None:
+    async with rig(tmp_path, "-c", code) as one:
         await until(lambda: bool(one.run_state.decisive))
-    assert "before it was given the goal" in one.run_state.decisive[0].text
+    (event,) = one.run_state.decisive
+    assert event.kind == "ERROR", "the test did not take place"
+    assert "before it was given the goal" in event.text
+    assert ("no_such_module" in event.text) is (code != "pass")
 
 
 async def test_it_ends_with_the_run_with_all_that_it_started(tmp_path: Path) -> None:

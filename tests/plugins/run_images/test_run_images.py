@@ -16,6 +16,7 @@ from wil_campaign.orchestrator.reading.results_folder import read_campaign
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import EXACT, RecordingSettings
 from wil_campaign.orchestrator.report.reading.run_reader import read_run
 from wil_campaign.orchestrator.report.reading.sight_decoding import ImageSize
+from wil_campaign.orchestrator.run_results.run_result import Also
 from wil_campaign.plugins.run_images.card import SIZE_PX, draw_card
 from wil_campaign.plugins.run_images.drawing import SUBJECTS, VERDICTS, Sheet
 from wil_campaign.plugins.run_images.image_writer import write_card, write_moving_picture
@@ -94,6 +95,17 @@ def test_a_run_without_images_has_a_card_and_no_moving_picture(folder: Path) -> 
     assert write_card(folder).stat().st_size > 1000
     with pytest.raises(ResultsFolderError, match="no images of large/wil/1"):
         write_moving_picture(folder)
+
+
+def test_the_card_of_a_failure_with_unsound_evidence_says_so(folder: Path) -> None:
+    campaign = read_campaign(folder)
+    run = read_run(folder, campaign.entries[0], ImageSize.for_runs(1))
+    assert run.result is not None
+    unseen = Also("INVALID", "mixing of camera: the mixture never showed gate", 9.0)
+    doubted = replace(run, result=replace(run.result, verdict="FAIL", also=(unseen,)))
+    for shown, is_said in ((run, False), (doubted, True)):
+        draw_card(shown, "gate", None).image.save(folder / "card.png")
+        assert has_colour(folder / "card.png", VERDICTS["INVALID"]) is is_said
 
 
 def test_colours_of_depths_have_their_scale_on_the_card(folder: Path) -> None:

@@ -11,6 +11,8 @@ import pytest
 import yaml
 
 from wil_campaign.campaigns.expansion.expansion import load_campaign
+from wil_campaign.campaigns.schema.vehicles import BodyPart
+from wil_campaign.campaigns.setup.vehicle_setups import EMBEDDED_BODY
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.orchestrator.installation import program_text
 from wil_campaign.plugins.start import init_command
@@ -42,7 +44,10 @@ def test_init_writes_a_profile_with_every_key_its_unit_and_its_default(tmp_path:
                 assert re.search(rf"(?m)^  {key}: .+  # .", text), key
     campaign = load_campaign(tmp_path / "campaign.yaml")
     assert {run.name for run in campaign.runs} >= {"wide/sim/1"}
-    assert (tmp_path / "campaign.yaml").read_text().count("profile: profile.yaml") == 2
+    flown = yaml.safe_load((tmp_path / "campaign.yaml").read_text())["vehicles"]
+    assert [one["profile"] for one in flown.values()] == ["profile.yaml"] * 2
+    for one in flown.values():
+        assert BodyPart(**one["body"]).shape() == EMBEDDED_BODY, "the default's values"
 
 
 def test_init_writes_a_campaign_with_a_control(

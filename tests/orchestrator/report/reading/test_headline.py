@@ -114,11 +114,11 @@ def test_a_pass_says_what_was_tightest() -> None:
     success = success_of(passed(), goal_s=2.0)
     assert success is not None
     assert success.sentence == (
-        "The required check held. The tightest was collision, with 0.3 m to spare, at +2.00 s, "
+        "The required check held. The tightest was collision, with 0.30 m to spare, at +2.00 s, "
         "closest to gate.left."
     )
     (margin,) = success.margins
-    assert (margin.name, margin.measured, margin.limit) == ("collision", "0.3 m", "at least 0 m")
+    assert (margin.name, margin.measured, margin.limit) == ("collision", "0.30 m", "at least 0 m")
     assert success_of(touched(), goal_s=2.0) is None
     landed = OracleResult("landed", "real", True, "PASS", None, None, "", None, None)
     both = success_of(replace(passed(), oracles=(landed, *passed().oracles)), goal_s=2.0)

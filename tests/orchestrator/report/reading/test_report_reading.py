@@ -413,6 +413,15 @@ def test_a_failure_whose_evidence_is_unsound_says_so_first() -> None:
     )
 
 
+def test_the_rule_of_a_largest_height_names_no_least_one() -> None:
+    high = OracleResult("altitude", "real", True, "FAIL", 1.2, 1.0, "m", -0.2, 8.0, "")
+    cause = cause_of(failed(high), (), goal_s=2.0, passed=None)
+    assert cause is not None
+    facts = dict(cause.facts)
+    assert facts["rule"] == "real stays between min_m and max_m over the world's origin"
+    assert facts["limit"] == "at most 1 m"
+
+
 def test_a_missed_goal_says_how_near_the_vehicle_came() -> None:
     missed = OracleResult("reached", "real", True, "FAIL", None, 0.5, "m", None, None, "never")
     cause = cause_of(failed(missed), (), goal_s=2.0, passed=NearestPass(6.5, 1.234))

@@ -138,11 +138,11 @@ FAST = ("speed", "m/s", -0.25, True)
 @pytest.mark.parametrize(
     ("margins", "text"),
     [
-        ((CLEAR, ("time_limit", "s", 0.1, True)), "0.4 m (clearance)"),
+        ((CLEAR, ("time_limit", "s", 0.1, True)), "0.40 m (clearance)"),
         ((CLEAR, FAST), "-0.25 m/s (speed)"),
         ((CLEAR, FAST, LATE), "-3 s (time_limit)"),
-        ((CLEAR, ("speed", "m/s", -0.25, False)), "0.4 m (clearance)"),
-        ((("collision", "m", 0.0, True), ("time_limit", "s", 9.0, True)), "0 m (collision)"),
+        ((CLEAR, ("speed", "m/s", -0.25, False)), "0.40 m (clearance)"),
+        ((("collision", "m", 0.0, True), ("time_limit", "s", 9.0, True)), "0.00 m (collision)"),
         ((("speed", "m/s", 0.2, True), ("landed", "", None, True)), "0.2 m/s (speed)"),
         ((("landed", "", None, True),), NOTHING),
     ],

@@ -165,7 +165,7 @@ def test_a_passing_run_begins_with_why_it_passed(page: str) -> None:
     run = page[page.index('id="run-large-sim-1"') :].split("</article>", maxsplit=1)[0]
     order = [
         "The required check held.",
-        "collision, with 0.3 m to spare, at +2.00 s",
+        "collision, with 0.30 m to spare, at +2.00 s",
         "Why it passed",
     ]
     order += ["at least 0 m", "What the autonomy perceived"]

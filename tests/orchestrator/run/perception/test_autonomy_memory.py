@@ -1,5 +1,6 @@
 """An autonomy that takes too much memory or time ends its run in words, and the flight lands."""
 
+import importlib
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -56,6 +57,18 @@ class Hoarder:
     def act(self, telemetry: object) -> Command:
         self._kept.append(np.ones(self._megabytes * _MB, np.uint8))
         return Command(VelocitySetpoint((0.0, 0.0, 0.0)))
+
+
+def test_an_autonomy_that_cannot_be_built_is_an_error_of_the_run() -> None:
+    """It passed `validate` elsewhere: a module is missing on this machine, say."""
+    limits = AutonomyLimits()
+    under_test = SimpleNamespace(
+        limits=limits, build=lambda _: importlib.import_module("no_such_module")
+    )
+    setup: Any = SimpleNamespace(seed=1, case=SimpleNamespace(under_test=under_test))
+    with pytest.raises(AutonomyFault, match=r"the autonomy of twin crashed: .*no_such") as caught:
+        _build_autonomy(setup, "twin", MemoryMeter(limits, resident_mb=lambda: 1.0))
+    assert caught.value.kind == "ERROR"
 
 
 def test_an_autonomy_too_large_once_it_is_built_is_an_error_before_it_flies() -> None:
