@@ -14,10 +14,11 @@ def retry_due(result: RunResult, *, retries: int) -> bool:
     """Return whether a run gets another attempt by the campaign's `retries`.
 
     Not after an internal exception, which is no temporary fault of the environment, nor where the
-    subject failed anything beside what made the verdict (`no_retry`). Nor is a control retried that
-    ended as expected, also where that is INVALID or ERROR.
+    subject failed anything beside what made the verdict (`no_retry`), nor where its autonomy made
+    it an ERROR, as by its end before the goal: it may do so now and then, which a second attempt
+    would hide. Nor is a control retried that ended as expected, also where that is INVALID or ERROR.
     """
-    if result.exceptions or result.no_retry:
+    if result.exceptions or result.no_retry or result.decided_by.partition("/")[0] == "autonomy":
         return False
     if result.control is not None and result.control.met:
         return False

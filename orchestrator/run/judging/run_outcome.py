@@ -125,15 +125,10 @@ def result_of(
 def _no_retry(decision: Decision, run_state: RunState, judge: Judge) -> str:
     """Return why the run is not flown again: the subject's first failure beside the verdict.
 
-    An autonomy that made it an ERROR, as by its end before the goal, may do so now and then: a
-    second attempt would hide that.
-
     What an oracle finds at the end only (never reached, still armed) is a failure where the
     autonomy was done; in a flight that was ended before, its end is the cause. A vehicle that was
     lost while it landed is not known to have failed that.
     """
-    if decision.verdict == "ERROR" and decision.source.partition("/")[0] == "autonomy":
-        return "its autonomy is the cause"
     seen = {event.source for event in run_state.decisive}
     if run_state.reached("done"):
         seen |= {event.source for event in decision.also}
