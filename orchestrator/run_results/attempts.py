@@ -16,7 +16,7 @@ def retry_due(result: RunResult, *, retries: int) -> bool:
     Not after an internal exception, which is no temporary fault of the environment, nor where the
     subject failed anything beside what made the verdict (`no_retry`), nor where its autonomy made
     it an ERROR, as by its end before the goal: it may do so now and then, which a second attempt
-    would hide. Nor is a control retried that ended as expected, also where that is INVALID or ERROR.
+    would hide. Nor is a control retried that ended as expected, be that INVALID or ERROR.
     """
     if result.exceptions or result.no_retry or result.decided_by.partition("/")[0] == "autonomy":
         return False
