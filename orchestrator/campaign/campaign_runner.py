@@ -5,7 +5,7 @@ import signal
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -97,7 +97,7 @@ class CampaignOutcome:
     summary: Summary
     folder: Path
     exit_code: int
-    announced: frozenset[str] = frozenset()
+    announced: frozenset[str] = field(default=frozenset(), compare=False)
 
 
 def fly_campaign(

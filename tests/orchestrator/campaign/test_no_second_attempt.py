@@ -170,31 +170,6 @@ def test_a_flight_that_was_invalid_and_then_touched_the_gate_is_not_flown_again(
     assert not retry_due(result, retries=1)
 
 
-ABSENT = """
-import asyncio
-
-class Absent:
-    def __init__(self, **_):
-        if asyncio._get_running_loop() is not None:
-            raise OSError("no camera")
-
-    def perceive(self, reading): ...
-
-    def act(self, telemetry): ...
-"""
-"""An autonomy that can be built to be checked, and not in flight."""
-
-
-def test_a_run_whose_autonomy_is_not_there_is_not_flown_again(fly_run: Fly, tmp_path: Path) -> None:
-    """It may be there now and then, as when it is checked: a second attempt would hide that."""
-    file = tmp_path / "absent.py"
-    file.write_text(ABSENT)
-    result, _ = fly_run(mode="sim", sets=(f"autonomy={{use: '{file}:Absent'}}",))
-    assert result.verdict == "ERROR"
-    assert "no camera" in result.reason
-    assert not retry_due(result, retries=1)
-
-
 @pytest.mark.parametrize(("ends", "no_retry"), [(True, ""), (False, "reached of twin failed")])
 def test_a_goal_missed_since_the_flight_was_ended_is_no_failure(
     fly_run: Fly, ends: bool, no_retry: str

@@ -18,6 +18,7 @@ from tests.plugins.search.searches import SEARCH, write_search
 from tests.test_house import ROOT
 from wil_campaign.plugins.python import flying
 from wil_campaign.plugins.python.flight_messages import FlightRequest
+from wil_campaign.plugins.search import calls
 
 PAGE = (ROOT / "docs" / "python.md").read_text("utf-8")
 BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
@@ -144,7 +145,9 @@ def test_an_unknown_run_is_refused(tmp_path: Path) -> None:
 def test_an_option_that_cannot_be_is_refused_before_a_process_starts(
     options: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(flying, "FlightProcess", lambda _: pytest.fail("started"))
+    # Of both modules: one that was imported now would keep it.
+    for module in (flying, calls):
+        monkeypatch.setattr(module, "FlightProcess", lambda *_: pytest.fail("started"))
     name, value = next(iter(options.items()))
     with pytest.raises(ValueError, match=f"{name}='{value}': should be"):
         wil_campaign.run(write_cases(tmp_path), **options)

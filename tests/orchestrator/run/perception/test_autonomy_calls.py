@@ -21,6 +21,7 @@ from wil_campaign.orchestrator.run.perception.autonomy_calls import (
     command_of,
     require_run,
 )
+from wil_campaign.orchestrator.run_results.attempts import retry_due
 from wil_campaign.orchestrator.run_results.run_result import RunResult
 from wil_campaign.vehicles.autonomy import Command
 from wil_campaign.vehicles.setpoints import PositionSetpoint, VelocitySetpoint
@@ -253,7 +254,7 @@ def test_a_faulty_autonomy_fails_the_run_and_all_land(
     assert stages[-2:] == ["landed", "end"]
 
 
-def test_an_autonomy_that_cannot_be_built_for_a_run_fails_it(
+def test_an_autonomy_that_cannot_be_built_for_a_run_is_an_error_that_retries_do_not_hide(
     fly_run: Fly, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Picky:
@@ -271,8 +272,9 @@ def test_an_autonomy_that_cannot_be_built_for_a_run_fails_it(
         "wil_campaign.campaigns.setup.autonomy_under_test.find_autonomy", lambda *_: Picky
     )
     result, _ = fly_run(mode="sim")
-    assert result.verdict == "FAIL", (result.reason, result.also)
+    assert result.verdict == "ERROR", (result.reason, result.also)
     assert result.reason.startswith("the autonomy of twin crashed: RuntimeError: not this seed (")
+    assert not retry_due(result, retries=1)
 
 
 async def perceives_later(_: object) -> None:
