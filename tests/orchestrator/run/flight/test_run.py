@@ -496,6 +496,7 @@ def test_a_flight_that_is_interrupted_twice_leaves_no_thread_and_whole_files(
     with pytest.raises(KeyboardInterrupt):
         fly_run(mode="sim", sets=BRIEF, disturb=interrupt)
     own = [one for one in threading.enumerate() if one not in before]
+    assert [one.name for one in own if str(tmp_path) in one.name] == []
     writers = [one for one in own if one.name.startswith(("writer", "recorder"))]
     for writer in writers:
         writer.join(10.0)
