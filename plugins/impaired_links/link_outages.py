@@ -18,7 +18,7 @@ class LinkOutages(Observer):
 
     def __init__(self, links: ImpairedLinks) -> None:
         self._links = links.links
-        self._guard: Guard | None = None
+        self._guard: Guard
         self._names: tuple[str, ...] = ()
 
     def attach(self, contexts: Iterable[VehicleContext]) -> None:
@@ -35,8 +35,6 @@ class LinkOutages(Observer):
         yield from ()
 
     def _start_outages(self, stage: Stage, _: float) -> None:
-        if self._guard is None:
-            return
         for name in self._names:
             for outage in self._links[name].outages if name in self._links else ():
                 if outage.stage == stage:
