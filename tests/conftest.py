@@ -23,6 +23,7 @@ from typing import IO
 import pytest
 from hypothesis import settings
 
+from tests.nightly import NIGHTLY, flies_nightly
 from tests.ports import free_port
 from wil_campaign.foundation.processes.linux import die_with_parent
 
@@ -180,10 +181,24 @@ def pytest_xdist_auto_num_workers() -> int | None:
     return (os.cpu_count() or 1) + 3
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add what flies the cases of tests/nightly.py, too."""
+    parser.addoption("--nightly", action="store_true", help="fly what else flies each night only")
+
+
 def pytest_configure(config: pytest.Config) -> None:
-    """End a worker of pytest-xdist with pytest itself: else it would fly on for minutes."""
-    if hasattr(config, "workerinput") and sys.platform == "linux":
-        die_with_parent(signal.SIGTERM)
+    """End a worker of pytest-xdist with pytest itself: else it would fly on for minutes.
+
+    Who names a test has it flown (the workers are told by the option). A shell that starts pytest
+    in the background has it, and all its children, ignore Ctrl-C, which is what some tests send.
+    """
+    if hasattr(config, "workerinput"):
+        if sys.platform == "linux":
+            die_with_parent(signal.SIGTERM)
+    elif config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
+        config.option.nightly = True
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -220,14 +235,21 @@ def _weigh_session(config: pytest.Config, nice: int) -> None:
         config.stash.setdefault(_WEIGHED, before)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what is not of the fast tier, and what flies on the wall clock; order the workers' work.
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what flies each night; mark what is not of the fast tier; order the workers' work.
 
     `pytest -m "not slow"` leaves out what is not of the fast tier. Of the workers of pytest-xdist
     two begin with the flights on the wall clock, one if there are few workers, two others with what
     else waits on it and then with the flights that need no turn: they are long. Further ones begin
     with what waits for nothing, which fills the processor that the others leave idle.
     """
+    if not config.option.nightly:
+        nightly = [item for item in items if _flies_nightly(item)]
+        if not config.option.lf:
+            _find_sisters(items)
+        left_out = set(nightly)
+        items[:] = [item for item in items if item not in left_out]
+        config.hook.pytest_deselected(items=nightly)
     flights: list[pytest.Item] = []
     waiting: list[pytest.Item] = []
     long: list[pytest.Item] = []
@@ -349,6 +371,25 @@ def turn() -> Iterator[Callable[[], None]]:
 
 def _workers() -> int:
     return int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+
+
+def _flies_nightly(item: pytest.Item) -> bool:
+    in_tests = item.path.is_relative_to(ROOT)
+    return in_tests and flies_nightly(item.path.relative_to(ROOT).as_posix(), item.name)
+
+
+def _find_sisters(items: list[pytest.Item]) -> None:
+    """Raise UsageError where what stands in for others is not among all tests."""
+    there = {(item.path, item.name) for item in items}
+    missing = [
+        f"{file}::{function}[{case}]"
+        for file, functions in NIGHTLY.items()
+        for function, kept in functions.items()
+        for case in kept
+        if (ROOT / file, f"{function}[{case}]") not in there
+    ]
+    if missing:
+        raise pytest.UsageError(f"tests/nightly.py names what is no test: {', '.join(missing)}")
 
 
 def _needs_turn(item: pytest.Item) -> bool:

@@ -18,11 +18,53 @@ from tests.conftest import (
     _shares,
     _take_core,
 )
+from tests.nightly import NIGHTLY, flies_nightly
 
 
 @pytest.mark.parametrize("place", [*FAST, *FLIGHTS, *WALL])
 def test_a_place_that_is_named_is_there(place: str) -> None:
     assert (ROOT / place).exists()
+
+
+@pytest.mark.parametrize("place", NIGHTLY)
+def test_what_flies_each_night_is_there(place: str) -> None:
+    """Whether the cases that stand in for others are there is known with all tests: conftest."""
+    source = (ROOT / place).read_text("utf-8")
+    for function, kept in NIGHTLY[place].items():
+        assert f"def {function}(" in source
+        assert not any(flies_nightly(place, f"{function}[{case}]") for case in kept)
+        assert flies_nightly(place, f"{function}[another]")
+
+
+CONFTEST = """\
+import tests.conftest as ours
+from tests.conftest import pytest_addoption, pytest_configure
+
+def pytest_collection_modifyitems(config, items):
+    ours._flies_nightly = lambda item: item.name == "test_it[2]"
+    ours._is_among = lambda *_: True
+    ours.ROOT = config.rootpath
+    ours.NIGHTLY = {"tests/test_cases.py": {"test_it": ("KEPT",)}}
+    ours.pytest_collection_modifyitems(config, items)
+"""
+
+
+def test_all_tests_leave_out_what_flies_each_night_and_who_names_a_test_flies_it(
+    pytester: pytest.Pytester,
+) -> None:
+    cases = "import pytest\n@pytest.mark.parametrize('k', [1, 2])\ndef test_it(k): ...\n"
+    pytester.makepyfile(**{"tests/test_cases": cases})
+    pytester.makeini("[pytest]\ntestpaths = tests")
+
+    def ended(*words: str, kept: str = "1") -> pytest.RunResult:
+        pytester.makeconftest(CONFTEST.replace("KEPT", kept))
+        return pytester.runpytest_subprocess("-p", "no:wil-campaign", *words)
+
+    ended().assert_outcomes(passed=1, deselected=1)
+    ended("--nightly").assert_outcomes(passed=2)
+    ended("tests/test_cases.py").assert_outcomes(passed=2)
+    missing = "*names what is no test: tests/test_cases.py::test_it[[]3[]]*"
+    ended(kept="3").stderr.fnmatch_lines([missing])
 
 
 def test_every_module_that_flies_a_program_is_among_the_flights() -> None:
