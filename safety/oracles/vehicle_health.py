@@ -23,6 +23,15 @@ class LinkParameters(Windowed):
     max_gap_s: float = Field(gt=0, description="the longest silence that is allowed")
 
 
+_ON_GROUND_WITHIN_S = 1.0
+"""How long after it is heard to have disarmed near the ground a vehicle may report that it landed.
+
+HEARTBEAT and EXTENDED_SYS_STATE are streams of their own, which come in no order: a PX4 whose
+COM_DISARM_LAND is short is heard to be disarmed before it is heard to stand on the ground.
+"""
+_DISARMED = "disarmed in flight"
+
+
 class VehicleFault(Oracle):
     """The oracle of the vehicle's own faults, and of disarming in flight."""
 
@@ -33,30 +42,51 @@ class VehicleFault(Oracle):
         self._seen = False
         self._was_flying = False
         self._faults: list[tuple[str, float]] = []
+        self._disarmed_s: float | None = None
+        """When it was heard to have disarmed near the ground, until it reports that it landed."""
 
     def on_state(self, sample: StateSample) -> Flags:
         """Take a vehicle's state; each new fault is a flag."""
+        if sample.landed:
+            self._disarmed_s = None
         if not self.stages.open:
             return NO_FLAGS
         self._seen = True
         fault = sample.fault
         if self._was_flying and not sample.armed and sample.landed is False:
-            fault = fault or "disarmed in flight"
+            if self.stages.near_ground:
+                self._disarmed_s = sample.t_s
+            else:
+                fault = fault or _DISARMED
         self._was_flying = sample.armed and sample.landed is False
-        if fault is None or any(text == fault for text, _ in self._faults):
+        return self._fail(fault, sample.t_s) if fault is not None else NO_FLAGS
+
+    def on_tick(self, t_s: float) -> Flags:
+        """Fail a vehicle that has disarmed near the ground and did not land in time."""
+        since_s = self._disarmed_s
+        if since_s is None or t_s <= since_s + _ON_GROUND_WITHIN_S:
             return NO_FLAGS
-        self._faults.append((fault, sample.t_s))
-        return self.flag(sample.t_s, f"{self.vehicle}: {fault}")
+        self._disarmed_s = None
+        return self._fail(_DISARMED, since_s, told_s=t_s)
+
+    def _fail(self, fault: str, at_s: float, *, told_s: float | None = None) -> Flags:
+        if any(text == fault for text, _ in self._faults):
+            return NO_FLAGS
+        self._faults.append((fault, at_s))
+        return self.flag(at_s if told_s is None else told_s, f"{self.vehicle}: {fault}")
 
     def result(self, t_s: float) -> OracleResult:
         """Return FAIL with the texts of the vehicle's faults, at the time of the first."""
         del t_s
         if not self._seen:
             return self.invalid("no state seen")
-        if not self._faults:
+        faults = list(self._faults)
+        if self._disarmed_s is not None:
+            faults.append((_DISARMED, self._disarmed_s))
+        if not faults:
             return self.verdict(passed=True)
-        texts = "; ".join(text for text, _ in self._faults)
-        return self.verdict(passed=False, at_s=self._faults[0][1], detail=texts)
+        texts = "; ".join(text for text, _ in faults)
+        return self.verdict(passed=False, at_s=faults[0][1], detail=texts)
 
 
 class LinkOracle(Oracle):

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from multiprocessing import forkserver, util
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
+from typing import Any
 
 from wil_campaign.safety.guard.process.runtime_folder import open_runtime_folder
 
@@ -39,6 +40,7 @@ def start_run_server() -> None:
     """
     run_context()
     with _STARTING:
+        _forget_lost_server()
         _shorten_socket_paths()
         before = os.environ.get(_SAFE_PATH)
         os.environ[_SAFE_PATH] = "1"
@@ -48,6 +50,24 @@ def start_run_server() -> None:
             del os.environ[_SAFE_PATH]
             if before is not None:
                 os.environ[_SAFE_PATH] = before
+
+
+def _forget_lost_server() -> None:
+    """Have another server started where the folder of its socket has gone.
+
+    A server that ends removes it, and so does what cleans /tmp once it is old: each later campaign
+    of the program, as of a search of days, could start no run. The lost one ends after its runs.
+    """
+    folder = vars(mp.current_process())["_config"].get("tempdir")  # of util.get_temp_dir
+    if folder is None or Path(folder).is_dir():
+        return
+    Path(folder).mkdir(mode=0o700)
+    server: Any = getattr(forkserver, "_forkserver")  # noqa: B009 - private
+    with server._lock:  # noqa: SLF001 - so are its fields
+        if server._forkserver_alive_fd is not None:  # noqa: SLF001
+            os.close(server._forkserver_alive_fd)  # noqa: SLF001 - the server ends by it
+        server._forkserver_alive_fd = server._forkserver_pid = None  # noqa: SLF001
+        server._forkserver_address = None  # noqa: SLF001
 
 
 def _shorten_socket_paths() -> None:

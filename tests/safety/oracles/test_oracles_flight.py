@@ -92,13 +92,31 @@ def test_faults_are_flagged_once_each() -> None:
 def test_disarming_in_flight_is_a_fault_and_after_landing_is_not() -> None:
     crashed, fine = build("vehicle_fault"), build("vehicle_fault")
     for judge in (crashed, fine):
-        stage(judge, takeoff=1.0)
+        stage(judge, takeoff=1.0, at_height=1.5)
         judge.on_state(state(2.0))
     assert crashed.on_state(state(3.0, armed=False))
     assert not fine.on_state(state(3.0, landed=True))
     assert not fine.on_state(state(4.0, armed=False, landed=True))
     assert crashed.result(5.0).detail == "disarmed in flight"
     assert fine.result(5.0).verdict == "PASS"
+
+
+def test_a_landing_vehicle_may_be_heard_to_disarm_before_it_is_heard_to_stand() -> None:
+    """HEARTBEAT and EXTENDED_SYS_STATE come in no order."""
+    stands, falls, silent = (build("vehicle_fault") for _ in range(3))
+    for judge in (stands, falls, silent):
+        stage(judge, takeoff=1.0, at_height=2.0, land=3.0)
+        judge.on_state(state(3.5))
+        assert not judge.on_state(state(4.0, armed=False))
+        assert not judge.on_tick(5.0)
+    assert not stands.on_state(state(5.0, armed=False, landed=True))
+    assert not stands.on_tick(9.0)
+    assert stands.result(9.0).verdict == "PASS"
+    assert not falls.on_state(state(4.2, armed=False))
+    assert [flag.text for flag in falls.on_tick(5.1)] == ["real: disarmed in flight"]
+    for judge in (falls, silent):
+        result = judge.result(5.1)
+        assert (result.verdict, result.at_s, result.detail) == ("FAIL", 4.0, "disarmed in flight")
 
 
 def test_a_link_gap_is_flagged_when_it_is_over() -> None:

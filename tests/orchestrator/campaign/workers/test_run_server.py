@@ -27,6 +27,19 @@ if __name__ == "__main__":
     run.start()
     run.join()
 """
+_LOST = """
+import os, shutil
+from multiprocessing import util
+from wil_campaign.orchestrator.campaign.workers.run_server import run_context, start_run_server
+if __name__ == "__main__":
+    for name in ("first", "second", "third"):
+        start_run_server()
+        run = run_context().Process(target=os.mkdir, args=(name,))
+        run.start()
+        run.join()
+        if name == "first":
+            shutil.rmtree(util.get_temp_dir())
+"""
 _READ = """
 import sys
 from pathlib import Path
@@ -72,6 +85,19 @@ def test_a_program_that_is_killed_leaves_no_socket_of_its_run_server(
     while any(runtime.glob("pymp-*")) and time.monotonic() < end_s:
         time.sleep(0.05)
     assert [*runtime.iterdir(), *Path(environment["TMPDIR"]).iterdir()] == []
+
+
+def test_runs_are_flown_after_the_folder_of_the_run_servers_socket_has_gone(
+    tmp_path: Path, short_folder: Path
+) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(_LOST)
+    environment = {**os.environ, "PYTHONPATH": str(_ROOT), "XDG_RUNTIME_DIR": str(short_folder)}
+    ended = subprocess.run(  # noqa: S603 - our own program
+        [sys.executable, program], env=environment, cwd=tmp_path, check=False, capture_output=True
+    )
+    assert (ended.returncode, ended.stderr) == (0, b"")
+    assert all((tmp_path / name).is_dir() for name in ("first", "second", "third"))
 
 
 def test_a_file_of_the_user_is_not_imported_in_place_of_a_module(tmp_path: Path) -> None:
