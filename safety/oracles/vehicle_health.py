@@ -67,13 +67,13 @@ class VehicleFault(Oracle):
         if since_s is None or t_s <= since_s + _ON_GROUND_WITHIN_S:
             return NO_FLAGS
         self._disarmed_s = None
-        return self._fail(_DISARMED, since_s, told_s=t_s)
+        return self._fail(_DISARMED, since_s, flag_s=t_s)
 
-    def _fail(self, fault: str, at_s: float, *, told_s: float | None = None) -> Flags:
+    def _fail(self, fault: str, at_s: float, *, flag_s: float | None = None) -> Flags:
         if any(text == fault for text, _ in self._faults):
             return NO_FLAGS
         self._faults.append((fault, at_s))
-        return self.flag(at_s if told_s is None else told_s, f"{self.vehicle}: {fault}")
+        return self.flag(at_s if flag_s is None else flag_s, f"{self.vehicle}: {fault}")
 
     def result(self, t_s: float) -> OracleResult:
         """Return FAIL with the texts of the vehicle's faults, at the time of the first."""

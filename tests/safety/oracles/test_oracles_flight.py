@@ -101,7 +101,7 @@ def test_disarming_in_flight_is_a_fault_and_after_landing_is_not() -> None:
     assert fine.result(5.0).verdict == "PASS"
 
 
-def test_a_landing_vehicle_may_be_heard_to_disarm_before_it_is_heard_to_stand() -> None:
+def test_a_landing_vehicle_may_report_that_it_disarmed_before_that_it_landed() -> None:
     """HEARTBEAT and EXTENDED_SYS_STATE come in no order."""
     stands, falls, silent = (build("vehicle_fault") for _ in range(3))
     for judge in (stands, falls, silent):
