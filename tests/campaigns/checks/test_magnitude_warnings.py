@@ -33,6 +33,15 @@ def warned(files: Any) -> list[str]:
                 "have 0.15 to 0.31: usually about 0.023 kg m² for 1.8 kg on arms of 0.25 m"
             ),
         ),
+        ("airframe: {mass_kg: 1.8, arm_m: 0.25, max_thrust_n: 9}", ""),
+        (
+            "airframe: {mass_kg: 1, max_thrust_n: 5, inertia_yy_kg_m2: 0.00232}",
+            (
+                "airframe.inertia_yy_kg_m2 of 0.00232 is 0.076 x mass x arm², published "
+                "quadrotors have 0.15 to 0.31: usually about 0.0061 kg m² for 1 kg on arms of "
+                "0.175 m"
+            ),
+        ),
         ("battery: {full_v: 16.8, empty_v: 14}", ""),
         (
             "battery: {full_v: 12600, empty_v: 10500}",
