@@ -37,7 +37,7 @@ def headline_of(
     of its vehicle, in the order of time. at_s: when it was decided. speed_m_s: of the vehicle then.
     passed: the nearest pass of the target.
     """
-    did = _did(result, oracle, poses, stages, at_s, speed_m_s, passed)
+    did = _did(result, oracle, poses, stages=stages, at_s=at_s, speed_m_s=speed_m_s, passed=passed)
     return f"{did} The autonomy had not begun to fly." if did and result.before_autonomy else did
 
 
@@ -45,6 +45,7 @@ def _did(
     result: RunResult,
     oracle: OracleResult | None,
     poses: Sequence[TimedPose],
+    *,
     stages: Mapping[str, float],
     at_s: float | None,
     speed_m_s: float | None,
