@@ -287,12 +287,14 @@ def last_statustext(pair: Pair, event: GuardEvent, *, armed_s: float | None) -> 
     if context is None or event.kind not in {"lost", "failsafe", "alone"}:
         return ""
     state = context.driver.state
-    heard_s = event.t_s if state.last_received_s is None else min(event.t_s, state.last_received_s)
+    received_s = (
+        event.t_s if state.last_received_s is None else min(event.t_s, state.last_received_s)
+    )
     recent = [
         statustext
         for statustext in state.texts
         if (armed_s is None or statustext.t_s >= armed_s)
-        and (statustext.severity <= _WARNING or heard_s - statustext.t_s < _FRESH_S)
+        and (statustext.severity <= _WARNING or received_s - statustext.t_s < _FRESH_S)
     ]
     texts = [_with_age(statustext, event.t_s) for statustext in recent[-_LAST_TEXTS:]]
     return f"; its last STATUSTEXT: {' | '.join(texts)}" if texts else ""

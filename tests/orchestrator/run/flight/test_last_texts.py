@@ -17,7 +17,7 @@ HIT = StatusText(19.5, 6, "SIM Hit ground at 3.1 m/s")
 
 
 @pytest.mark.parametrize(
-    ("texts", "heard_s", "said"),
+    ("texts", "received_s", "said"),
     [
         ([ARMED, AIRBORNE], 20.0, ""),
         ([ARMED, AIRBORNE, LOW], 20.0, "Battery low, return advised (6 s before)"),
@@ -27,10 +27,10 @@ HIT = StatusText(19.5, 6, "SIM Hit ground at 3.1 m/s")
         ([ARMED, AIRBORNE], 14.0, "Takeoff detected (7 s before)"),
     ],
 )
-def test_a_vehicles_end_is_explained_by_its_warnings_and_its_last_words(
-    texts: list[StatusText], heard_s: float, said: str
+def test_a_vehicles_end_is_explained_by_its_warnings_and_its_last_texts(
+    texts: list[StatusText], received_s: float, said: str
 ) -> None:
-    state = SimpleNamespace(texts=tuple(texts), last_received_s=heard_s)
+    state = SimpleNamespace(texts=tuple(texts), last_received_s=received_s)
     context = SimpleNamespace(name="twin", driver=SimpleNamespace(state=state))
     pair = cast("Any", SimpleNamespace(contexts=(context,), actors=()))
     event = GuardEvent(20.0, "alone", vehicle="twin", text="twin is 0.2 m outside")
