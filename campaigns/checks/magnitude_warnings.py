@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Iterator
+from itertools import chain
 
 import numpy as np
 
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.foundation.files.documents import BadInput, Document, Path, Problem
+from wil_campaign.foundation.files.yaml_nodes import Node
 from wil_campaign.vehicles.embedded.profile import Profile, ProfileError, load_profile
 from wil_campaign.worlds.scene.scene import SceneObject
 
@@ -15,6 +17,8 @@ _LEAST_FOV_DEG = 4.0
 """Below it a lens is a telescope's; pi and less are fields of view in radians."""
 _LARGE_M, _HIGH_M, _SMALL_M = 100.0, 50.0, 0.02
 """A mesh larger and higher than a tall building, or smaller than a screw, has another unit."""
+_VAST_M, _TALL_M = 1000.0, 200.0
+"""No room, gate or box of a world is: a metre in millimetres is."""
 _LEAST_V, _MOST_V = 3.0, 100.0
 """One lithium cell nearly empty, and more than the 14 cells in series of the largest drones."""
 _LEAST_HOVER_MIN, _MOST_HOVER_MIN = 1.0, 300.0
@@ -30,6 +34,8 @@ def magnitude_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """Yield a warning for each number of a case that is outside what such a thing has."""
     file = files.campaign
     seen: set[str] = set()
+    for document in filter(None, (file, files.world, files.recipe)):
+        yield from _degrees_as_radians(document, document.root, ())
     for name, vehicle in case.vehicles.items():
         at: Path = ("vehicles", name)
         for sensor in vehicle.sensors:
@@ -44,9 +50,9 @@ def magnitude_warnings(files: CaseFiles, case: Case) -> Iterator[Problem]:
             if span_m > width_m:
                 message = f"a body {width_m:g} m wide, but its motors alone span {span_m:.2f} m"
                 yield file.problem((*at, "body"), message)
-    for placed in case.world.placed:
-        if files.world is not None:
-            yield from _odd_meshes(files.world, placed.scene_object)
+    if files.world is not None:
+        things = [placed.scene_object for placed in case.world.placed]
+        yield from chain.from_iterable(_odd_sizes(files.world, thing) for thing in things)
 
 
 def _profile_of(name: str) -> Profile | None:
@@ -89,14 +95,35 @@ def _profile_texts(profile: Profile) -> Iterator[str]:
             yield f"{part}.{key} of {value_s:g} s: milliseconds would be {value_s / 1000.0:g}"
 
 
-def _odd_meshes(file: Document, thing: SceneObject) -> Iterator[Problem]:
-    """Yield a warning for a mesh of a file whose lengths are probably in another unit."""
-    path: Path = ("objects", thing.name, "shape", "mesh")
-    if file.get(path) is None:
+def _degrees_as_radians(file: Document, node: Node, path: Path) -> Iterator[Problem]:
+    """Yield a warning for each angle in radians that is more than a turn, at any depth."""
+    value = node.value
+    if isinstance(value, dict):
+        for key, entry in value.items():
+            yield from _degrees_as_radians(file, entry.node, (*path, key))
+    elif isinstance(value, tuple):
+        for index, item in enumerate(value):
+            yield from _degrees_as_radians(file, item, (*path, index))
+    elif isinstance(value, int | float) and abs(value) > 2.0 * math.pi:
+        named = next((key for key in reversed(path) if isinstance(key, str)), "")
+        if named.endswith("_rad"):
+            turned = f"{value:g} radians are {value / math.tau:.3g} turns"
+            yield file.problem(path, f"{turned}: as degrees it is {math.radians(value):.4g} rad")
+
+
+def _odd_sizes(file: Document, thing: SceneObject) -> Iterator[Problem]:
+    """Yield a warning for an object whose lengths are probably in another unit."""
+    shape = file.get(("objects", thing.name, "shape"))
+    if not isinstance(shape, dict):
         return
+    (kind,) = shape
+    path: Path = ("objects", thing.name, "shape", kind)
     spans = [float(span) for span in np.ptp(thing.shape.mesh.vertices_m, axis=0)]
     size = " x ".join(f"{span:.3g}" for span in spans)
-    if max(spans) > _LARGE_M and spans[2] > _HIGH_M:
+    if kind != "mesh":
+        if max(spans) > _VAST_M and spans[2] > _TALL_M:
+            yield file.problem(path, f"is {size} m large: lengths are in metres", key=True)
+    elif max(spans) > _LARGE_M and spans[2] > _HIGH_M:
         text = f"is {size} m large: if its file is in millimetres, set scale: 0.001"
         yield file.problem(path, text, key=True)
     elif max(spans) < _SMALL_M:

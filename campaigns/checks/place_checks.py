@@ -31,6 +31,8 @@ _ON_FLOOR_M = 0.05
 _STANDS_M = Airframe().leg_height_m
 """How far the middle of a body is above the ground when it stands, at least."""
 _NEAR_M = 0.1
+_FAR_M = 100.0
+"""A gate farther outside of the fence is misplaced in its world, as by lengths in millimetres."""
 
 
 def judged_world(mode: Mode) -> Which:
@@ -105,7 +107,14 @@ def _gates_outside_fence(files: CaseFiles, case: Case, mode: Mode) -> Iterator[P
         middle = (*middles, pose)[0].position_ned_m
         for flown, vehicle in SEES:
             if flown == mode and (deviation := _deviation(case, case.vehicles[vehicle], middle)):
-                yield files.campaign.problem(("goal", "gates", index), f"'{name}' is {deviation}")
+                fence, at = case.fences[vehicle], ("objects", name, "pose")
+                message = f"'{name}' is {deviation}"
+                if files.world is None or files.world.get(at) is None:
+                    yield files.campaign.problem(("goal", "gates", index), message)
+                elif fence.margin_m(middle) < -_FAR_M:
+                    yield files.world.problem(at, f"{message}: lengths are in metres", key=True)
+                else:
+                    yield files.campaign.problem(("goal", "gates", index), message)
 
 
 def _deviation(case: Case, vehicle: VehicleSetup, place: Vec3) -> str:

@@ -196,12 +196,12 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
         [*_foreign_events(folder / "log.jsonl", before), *judge.decisive],
         oracles,
         end_s=played.end_s,
-        completed={"landed", "done"} <= played.stages,
+        completed={"landed", "done"} <= played.stages.keys(),
         timeouts=judge.timeouts,
         worst=judge.worst_texts,
     )
     note = decision.note or _note_at(folder, decision, before)
-    reason = reason_of(decision, note)
+    reason = reason_of(decision, note, goal_s=played.stages.get("goal"))
     campaign = setup.case
     now = replace(
         before,

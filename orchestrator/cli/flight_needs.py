@@ -1,14 +1,17 @@
 """What flights need of time and disk, as text: from the last ones of a campaign, else a guess."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from wil_campaign.campaigns.expansion.expansion import Campaign
+from wil_campaign.campaigns.schema import Mode
+from wil_campaign.campaigns.setup.case_setup import FLIES, Case
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
 from wil_campaign.foundation.clocks.virtual_loop import Clock
 from wil_campaign.foundation.files.limited_json import loads_limited
+from wil_campaign.orchestrator.cli.text_table import count_text
 from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate
 from wil_campaign.worlds.jit import is_cached
 from wil_campaign.worlds.render.shading import write_ids
@@ -16,7 +19,15 @@ from wil_campaign.worlds.render.shading import write_ids
 _GUESSED_S: dict[Clock, float] = {"virtual": 6.0, "wall": 60.0, "scaled": 60.0}
 """Wall time of one flight where nothing was flown yet: of the examples on two cores."""
 _GUESSED_MB = 7.0
-"""Disk of one flight with images of one camera."""
+"""Disk of one flight with images of one camera, of which those that are drawn are not recorded."""
+_IMAGES_S = 18.0
+"""Time with images of a flight of the examples, from its takeoff to its landing."""
+_DEPTH_BYTES_PX = 2.0
+"""Disk of a pixel of a depth image with its object ids, exact and compressed: 2.2 in mode sim, 1.7
+in mode wil, of images of 320x240 in an empty hall."""
+_BYTES_PX: dict[str, float] = {"none": 0.0, "jpeg": 0.27, "needed": 0.27, "png": 1.5, "raw": 3.6}
+"""Disk of a pixel of a recorded colour image, by `record.pictures` (docs/recording.md)."""
+_MUCH_MB = 1000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,12 +39,55 @@ class FlightNeeds:
     is_known: bool
 
 
-def needs_text(folder: Path, *, flights: int, at_once: int, clock: Clock) -> str:
-    """Return what flights need: about how long, how many MB. folder: of a campaign's flights."""
-    needs = _last_needs(folder, clock) or FlightNeeds(_GUESSED_S[clock], _GUESSED_MB, False)
+def flight_needs(folder: Path, clock: Clock, *, images_mb: Sequence[float] = ()) -> FlightNeeds:
+    """Return what one flight of a campaign needs. folder: of its flights.
+
+    images_mb: of each flight, as `images_mb_of` has it, for a guess.
+    """
+    more_mb = sum(images_mb) / max(1, len(images_mb))
+    guess = FlightNeeds(_GUESSED_S[clock], _GUESSED_MB + more_mb, False)
+    return _last_needs(folder, clock) or guess
+
+
+def needs_text(needs: FlightNeeds, *, flights: int, at_once: int) -> str:
+    """Return what flights need: about how long, and how many MB."""
     wall_s = needs.wall_s * math.ceil(flights / max(1, at_once))
     how = "as last time" if needs.is_known else "a guess"
     return f"about {_duration_text(wall_s)} and {_rounded(needs.disk_mb * flights)} MB ({how})"
+
+
+def disk_warning(needs: FlightNeeds, *, flights: int, free_mb: float) -> str | None:
+    """Return a warning of flights that need much disk, or half of what is free; None for others."""
+    wanted_mb = needs.disk_mb * flights
+    if wanted_mb <= _MUCH_MB and wanted_mb <= free_mb / 2.0:
+        return None
+    how = "as last time" if needs.is_known else "by the rates and sizes of images, 18 s a flight"
+    return (
+        f"warning: {count_text(flights, 'flight')} may write {wanted_mb / 1000.0:.1f} GB ({how}); "
+        f"{free_mb / 1000.0:.1f} GB are free. Depth images and `record.pictures` other than needed "
+        "take most: lower rate_hz, width_px and height_px where the test does not need them"
+    )
+
+
+def images_mb_of(case: Case, mode: Mode) -> float:
+    """Return the MB of a flight's images beyond those of `record.pictures: needed` of cameras.
+
+    Depth images are always recorded, with their object ids: of each vehicle and their mixture.
+    """
+    pictures, total_mb = case.record.pictures, 0.0
+    for name in FLIES[mode]:
+        copies = 2 if (mode, name) == ("wil", "real") else 1  # a mixture has the real one's size
+        for sensor in case.vehicles[name].sensors:
+            if isinstance(sensor, DepthSetup):
+                total_mb += copies * _stream_mb(sensor, _DEPTH_BYTES_PX)
+            elif isinstance(sensor, CameraSetup) and (pictures != "needed" or sensor.source):
+                total_mb += copies * _stream_mb(sensor, _BYTES_PX[pictures])
+    return total_mb
+
+
+def _stream_mb(sensor: CameraSetup | DepthSetup, bytes_px: float) -> float:
+    pixels = sensor.intrinsics.width_px * sensor.intrinsics.height_px
+    return pixels * sensor.rate_hz * _IMAGES_S * bytes_px / 1e6
 
 
 def _last_needs(folder: Path, clock: Clock) -> FlightNeeds | None:

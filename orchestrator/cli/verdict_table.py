@@ -31,6 +31,8 @@ from wil_campaign.orchestrator.run_results.caveats import (
 from wil_campaign.orchestrator.run_results.exit_codes import standings_of
 from wil_campaign.orchestrator.run_results.run_result import Percentiles, RunResult
 from wil_campaign.safety.evaluation.judge import COLLISION_ALWAYS
+from wil_campaign.safety.model.verdict import source_of
+from wil_campaign.safety.oracles.registry import oracle_kinds
 
 _COLUMNS = (
     "case",
@@ -52,6 +54,8 @@ MORE_ABOVE = "more above"
 """How many parts of the conclusion the last line leaves to the lines before it."""
 _LOGS = ("-node.log", "-autonomy.log")
 """What a ROS 2 node and a program printed, among the files of a run."""
+_ALWAYS = "_always"
+"""How the names of oracles end that judge whatever the campaign says."""
 _MOST_RETRIED = 3
 """How many runs that took several attempts the last line names; the lines above have all."""
 
@@ -259,13 +263,24 @@ def next_steps(summary: Summary, *, file: Path, folder: Path, has_report: bool) 
     if logs:
         log = shlex.quote(str(folder / logs[0]))
         steps.append(f"next: {log} has all that the autonomy printed")
-    flown = [run for run in summary.runs if run.duration_s is not None and run not in broken]
-    if any(run.verdict == "FAIL" for run in flown):
+    if any(_hangs_on_limits(run) for run in summary.runs):
         line = shlex.join(("wil-campaign", "judge", str(file), str(folder)))
         steps.append(f"next: {line} tries other limits without flying")
     if has_report:
         steps.append("next: open the report in a browser; it begins with what decided")
     return [Text(line, style="dim") for line in steps]
+
+
+def _hangs_on_limits(run: RunResult) -> bool:
+    """Return whether a run FAILed by nothing but limits, so that it passes by others."""
+    failed = [one for one in run.oracles if one.required and one.verdict == "FAIL"]
+    by_oracle = {source_of(one.name, one.vehicle) for one in failed}
+    if run.verdict != "FAIL" or run.decided_by not in by_oracle:
+        return False
+    kinds = oracle_kinds()
+    names = (one.name.removesuffix(_ALWAYS) for one in failed)
+    # One of another name is the campaign's own, as a formula.
+    return all(name not in kinds or kinds[name].has_limit for name in names)
 
 
 def _planned_count(summary: Summary) -> int:

@@ -5,12 +5,14 @@ recording has these and a digest, and here it is drawn again. One whose digest d
 it is not the image that was flown with.
 """
 
+import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 import cv2
+from mcap.records import Message
 from numpy.typing import NDArray
 
 from wil_campaign.foundation.files.documents import BadInput
@@ -27,6 +29,7 @@ from wil_campaign.orchestrator.recording.mcap.mcap_decode import (
 from wil_campaign.orchestrator.recording.mcap.mcap_json import Json, bytes_of
 from wil_campaign.orchestrator.recording.recording_facts import quality_in, scene_digest, world_in
 from wil_campaign.vehicles.cameras.camera_effects import NOISE_ROLL_PX
+from wil_campaign.vehicles.perception.depth_colors import far_of
 from wil_campaign.vehicles.readings import Drawing
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.world_file.world_schema import Mode, Which
@@ -77,6 +80,22 @@ class RecordedImages:
         """
         drawn = self.drawn(document)
         return image_of(document) if drawn is None else drawn["image"]
+
+    def far_m(self, messages: Iterable[Message]) -> float | None:
+        """Return the end of one scale for the depths of messages, metres; None without depths.
+
+        Messages of other types, of other programs or damaged ones do not count.
+        """
+        depths = list(filter(None, map(self._far_m, messages)))
+        return max(depths, default=None)
+
+    def _far_m(self, message: Message) -> float | None:
+        try:
+            document = json.loads(message.data)
+            is_depth = document["wil"]["type"] == "depth"
+            return far_of([self.image(document)]) if is_depth else None
+        except (NotDrawnAgainError, KeyError, ValueError, TypeError, AttributeError, cv2.error):
+            return None
 
     def is_encoded(self, document: Json) -> bool:
         """Return whether an image is a JPEG or PNG in the recording, or would be, had it to be."""

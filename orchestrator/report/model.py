@@ -157,7 +157,8 @@ class DrawnWorld:
 class Frame:
     """An image for the page. webp: base64. t_s: exposure; delivered_s: delivery to the autonomy.
 
-    view: the camera; None where it was not recorded. is_depth: its colours are those of depths.
+    view: the camera; None where it was not recorded. far_m: where its colours are those of depths,
+    the end of their scale, metres; None for other images.
     """
 
     source: str
@@ -167,7 +168,7 @@ class Frame:
     height_px: int
     webp: str
     view: "CameraView | None" = None
-    is_depth: bool = False
+    far_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

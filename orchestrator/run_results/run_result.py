@@ -28,6 +28,7 @@ Stop = Literal["signal", "command"]
 """What ended a campaign early: Ctrl-C or SIGTERM, or an operator's command."""
 
 _NOTED = "; the autonomy's last note was '{}'"
+_NOT_BEGUN = "; the autonomy had not begun to fly"
 
 
 NOT_ARMED = "not armed, as --no-arm asks; everything up to that works"
@@ -281,8 +282,13 @@ class RunResult:
 
     @property
     def bare_reason(self) -> str:
-        """Return the reason of the decisive event, without the autonomy's last note."""
-        return self.reason.removesuffix(_NOTED.format(self.note))
+        """Return the reason of the decisive event, without what is added of the autonomy."""
+        return self.reason.removesuffix(_NOTED.format(self.note)).removesuffix(_NOT_BEGUN)
+
+    @property
+    def before_autonomy(self) -> bool:
+        """Return whether the run was a FAIL before its autonomy had begun to fly."""
+        return self.reason.endswith(_NOT_BEGUN)
 
     @property
     def doubt(self) -> str:
@@ -328,8 +334,13 @@ def tightest_oracle(run: RunResult) -> OracleResult | None:
     return min(chosen, key=lambda pair: pair[0])[1] if chosen else None
 
 
-def with_note(reason: str, note: str) -> str:
-    """Return a result's reason with the last note of the autonomy, where there is one."""
+def with_note(reason: str, note: str, *, has_begun: bool) -> str:
+    """Return a result's reason with the last note of the autonomy, where there is one.
+
+    has_begun: whether the autonomy flew by then; else the reason says that it had not begun.
+    """
+    if not has_begun:
+        return reason + _NOT_BEGUN
     return reason + _NOTED.format(note) if note else reason
 
 

@@ -42,8 +42,8 @@ def draw_card(run: RunReport, campaign: str, images: ImagesAtTime | None, note: 
             sheet.paste(shown[source], (left, _IMAGES_TOP), _IMAGE_PX)
         else:
             sheet.text((left, _IMAGES_TOP + 20), "not flown, or not recorded", 14, DIM)
-    if images is not None and images.is_depth:
-        sheet.depth_key((_MARGIN, _PLAN_TOP - 19), 13)
+    if images is not None and images.far_m is not None:
+        sheet.depth_key((_MARGIN, _PLAN_TOP - 19), 13, images.far_m)
     draw_plan(sheet, run, PlanBox(_MARGIN, _PLAN_TOP, *_PLAN_PX))
     _draw_facts(sheet, run, images, note)
     return sheet

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from wil_campaign.vehicles.perception.depth_colors import FAR_M, depth_scale
+from wil_campaign.vehicles.perception.depth_colors import depth_scale
 from wil_campaign.vehicles.readings import BgrImage
 
 Rgb = tuple[int, int, int]
@@ -89,12 +89,12 @@ class Sheet:
         self.image.paste(Image.fromarray(rgb), (round(at[0]), round(at[1])))
         return height
 
-    def depth_key(self, at: Spot, size: int) -> None:
-        """Draw which colour is which depth, as a line of a height."""
+    def depth_key(self, at: Spot, size: int, far_m: float) -> None:
+        """Draw which colour is which depth up to far_m, as a line of a height."""
         left, top = at
         left += self.text((left, top), "depth: 0 m", size, DIM) + size
         self.paste(depth_scale(10 * size, size), (left, top + 0.15 * size), 10 * size)
-        self.text((left + 11 * size, top), f"{FAR_M:g} m or farther, or no echo", size, DIM)
+        self.text((left + 11 * size, top), f"{far_m:g} m or farther, or no echo", size, DIM)
 
 
 def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:

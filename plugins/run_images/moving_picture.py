@@ -95,8 +95,8 @@ def _frame(run: RunReport, campaign: str, images: ImagesAtTime, *, is_last: bool
         sheet.text((left, _TOP - 15), source, 12, SUBJECTS[source])
         if source in images.images_bgr:
             sheet.paste(images.images_bgr[source], (left, _TOP), _IMAGE_PX)
-    if images.is_depth:
-        sheet.depth_key((_MARGIN, _TOP + _PLAN_PX[1]), 9)
+    if images.far_m is not None:
+        sheet.depth_key((_MARGIN, _TOP + _PLAN_PX[1]), 9, images.far_m)
     left = _MARGIN + 3 * (_IMAGE_PX + 6)
     sheet.text((left, _TOP - 15), "plan", 12, DIM)
     draw_plan(sheet, run, PlanBox(left, _TOP, *_PLAN_PX), until_s=images.t_s)

@@ -23,12 +23,12 @@ _ALONE = {"sim": "twin", "real": "real"}
 class ImagesAtTime:
     """The images of a time, by source: real, twin and mixed, or the one that was perceived.
 
-    is_depth: their colours are those of depths.
+    far_m: where their colours are those of depths, the end of their scale, metres; else None.
     """
 
     t_s: float
     images_bgr: Mapping[str, BgrImage]
-    is_depth: bool = False
+    far_m: float | None = None
 
 
 def read_images(run: Path, *, mode: str, wanted_s: Sequence[float]) -> list[ImagesAtTime]:
@@ -39,7 +39,8 @@ def read_images(run: Path, *, mode: str, wanted_s: Sequence[float]) -> list[Imag
     found = read_sights(run / "run.mcap", mode=mode, wanted_s=wanted_s)
     drawn = RecordedImages(found.facts)
     for sights in found.sights.values():
-        shown = [_decode_sight(sight, mode, drawn) for sight in sights]
+        far_m = drawn.far_m(one for sight in sights for one in (sight.perceived, *sight.beside))
+        shown = [_decode_sight(sight, mode, drawn, far_m) for sight in sights]
         if any(images_at_time.images_bgr for images_at_time in shown):
             return [images_at_time for images_at_time in shown if images_at_time.images_bgr]
     return []
@@ -57,33 +58,33 @@ def _difference(images: ImagesAtTime) -> float:
     return float(cv2.absdiff(real, mixed).mean())
 
 
-def _decode_sight(sight: RecordedSight, mode: str, drawn: RecordedImages) -> ImagesAtTime:
-    beside = list(_decode(sight.beside, drawn))
-    perceived = list(_decode((sight.perceived,), drawn))
-    images = {source: image for source, image, _ in beside}
-    images |= {_ALONE.get(mode, "mixed"): image for _, image, _ in perceived}
-    return ImagesAtTime(sight.wanted_s, images, any(is_depth for *_, is_depth in perceived))
+def _decode_sight(
+    sight: RecordedSight, mode: str, drawn: RecordedImages, far_m: float | None
+) -> ImagesAtTime:
+    images = dict(_decode(sight.beside, drawn, far_m))
+    for _, image in _decode((sight.perceived,), drawn, far_m):
+        images[_ALONE.get(mode, "mixed")] = image
+    return ImagesAtTime(sight.wanted_s, images, far_m)
 
 
 def _decode(
-    messages: Sequence[Message], drawn: RecordedImages
-) -> Iterator[tuple[str, BgrImage, bool]]:
-    """Yield the source and the colours of each image, and whether they are those of depths."""
+    messages: Sequence[Message], drawn: RecordedImages, far_m: float | None
+) -> Iterator[tuple[str, BgrImage]]:
+    """Yield the source and the colours of each image. far_m: the end of the scale of depths."""
     for message in messages:
         try:
             document = json.loads(message.data)
             kind = document["wil"]["type"]
             if kind in {"camera", "depth"}:
-                is_depth = kind == "depth"
-                image = _as_bgr(drawn.image(document), is_depth=is_depth)
-                yield str(document["wil"]["source"]), image, is_depth
+                image = _as_bgr(drawn.image(document), far_m if kind == "depth" else None)
+                yield str(document["wil"]["source"]), image
         except (KeyError, ValueError, TypeError, AttributeError, cv2.error):
             continue  # a reading of another type, or of another program
 
 
-def _as_bgr(image: NDArray[Any], *, is_depth: bool) -> BgrImage:
-    if is_depth:
-        return color_depth(image)
+def _as_bgr(image: NDArray[Any], far_m: float | None) -> BgrImage:
+    if far_m is not None:
+        return color_depth(image, far_m)
     bgr: BgrImage = image
     if image.ndim == 2:
         bgr = cv2.cvtColor(image.astype(np.uint8), cv2.COLOR_GRAY2BGR).astype(np.uint8)

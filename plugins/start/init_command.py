@@ -106,9 +106,9 @@ def init(
     out("")
     if from_ is None and pip_requirement() is None:
         text = (
-            f"{place / _WORKFLOW} does not install wil-campaign yet: this one came from a folder "
+            f"before a first run on GitHub, set WIL_CAMPAIGN in {place / _WORKFLOW} to what pip is "
         )
-        out(printable(text + "or file of this machine; give WIL_CAMPAIGN there"))
+        out(printable(text + "to install there; flights on this machine do not need it"))
     out(printable(f"next: wil-campaign run {place / 'campaign.yaml'}"))
     return 0
 

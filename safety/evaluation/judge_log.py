@@ -23,7 +23,7 @@ without cameras three percent of its speed):
 """
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, BinaryIO, get_args
 
@@ -249,10 +249,13 @@ _READERS: dict[str, Callable[..., LoggedSample]] = {
 
 @dataclass(frozen=True, slots=True)
 class ReplayedJudgement:
-    """How much of a run a judge log has. end_s: the run's end, None for a truncated log."""
+    """How much of a run a judge log has. end_s: the run's end, None for a truncated log.
+
+    stages: when each was entered first.
+    """
 
     end_s: float | None
-    stages: frozenset[Stage]
+    stages: Mapping[Stage, float]
 
 
 def judge_from_log(
@@ -284,7 +287,7 @@ def judge_from_log(
                 events.add_pose(name, t_s, pose, velocity)
             case _:
                 _feed(judge, sample)
-    return ReplayedJudgement(reached.get("end"), frozenset(reached))
+    return ReplayedJudgement(reached.get("end"), reached)
 
 
 def _feed(

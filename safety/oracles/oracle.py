@@ -8,7 +8,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, get_args
 
 from wil_campaign.foundation.files.documents import Data
 from wil_campaign.safety.model.oracle_results import Flag, Limit, OracleResult
@@ -223,6 +223,12 @@ class OwnKey:
 
 Objects = Callable[[Any, Collection[str]], Iterable[str]]
 Limits = Callable[[Mapping[str, Data]], Iterable[SignalLimit]]
+
+
+def _no_limits(_: Mapping[str, Data]) -> tuple[SignalLimit, ...]:
+    return ()
+
+
 Factory = Callable[[Terms, Any, OracleContext], Oracle]
 """Builds an oracle from its terms, its parameters, and the context."""
 
@@ -250,9 +256,17 @@ class OracleSpec:
     fail_fast: bool = False
     own_key: OwnKey | None = None
     objects: Objects = lambda _, __: ()
-    limits: Limits = lambda _: ()
+    limits: Limits = _no_limits
     without_world: Callable[[Any], tuple[str, ...]] | None = None
     signals: Callable[[], Mapping[str, tuple[str, str]]] = dict
+
+    @property
+    def has_limit(self) -> bool:
+        """Return whether it has a limit that a file may set: a number, a formula, a fence."""
+        own = set(self.parameters.model_fields) - set(Windowed.model_fields)
+        numbers = (self.parameters.model_fields[name].annotation for name in own)
+        is_number = any({int, float} & {one, *get_args(one)} for one in numbers)
+        return is_number or self.limits is not _no_limits or self.own_key is not None
 
     def needs_pair(self, parameters: Parameters) -> bool:
         """Return whether the oracle needs two vehicles."""
@@ -294,7 +308,7 @@ def oracle(
     fail_fast: bool = False,
     own_key: OwnKey | None = None,
     objects: Objects = lambda _, __: (),
-    limits: Limits = lambda _: (),
+    limits: Limits = _no_limits,
     without_world: Callable[[Any], tuple[str, ...]] | None = None,
     signals: Callable[[], Mapping[str, tuple[str, str]]] = dict,
 ) -> Callable[[Factory], OracleSpec]:

@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import Field
 
 from wil_campaign.safety.model.oracle_results import OracleResult
-from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.safety.model.samples import PoseSample, StateSample
 from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
@@ -38,13 +38,15 @@ class Touchdown(Oracle):
     """The oracle of the sink rate as the vehicle meets the ground, wherever that is.
 
     The ground is where the vehicle stands at the end: a table and an estimate that has drifted
-    since the takeoff change nothing. The sink rate is measured by positions alone.
+    since the takeoff change nothing. The sink rate is measured by positions alone. One that came
+    down before it was to land, as of its own autonomy, has no landing: `collision` judges that.
     """
 
     def __init__(self, terms: Terms, *, max_m_s: float | None) -> None:
         super().__init__(terms)
         self._max_m_s = max_m_s
         self._has_seen = False
+        self._stands = False
         self._downs: list[tuple[float, float]] = []
 
     def on_pose(self, sample: PoseSample) -> Flags:
@@ -54,6 +56,12 @@ class Touchdown(Oracle):
             self._downs.append((sample.t_s, sample.pose.position_ned_m[2]))
         return NO_FLAGS
 
+    def on_state(self, sample: StateSample) -> Flags:
+        """Take the vehicle's own report of whether it stands as its landing begins."""
+        if self.stages.begin_s is None and sample.landed is not None:
+            self._stands = sample.landed
+        return NO_FLAGS
+
     def result(self, t_s: float) -> OracleResult:
         """Return the fastest sink rate near the ground as the actual value."""
         del t_s
@@ -61,6 +69,9 @@ class Touchdown(Oracle):
         if self._has_seen and not has_landed:
             return self.verdict(passed=True, limit=self._max_m_s, unit="m/s", detail="not landed")
         fastest = max(self._sink_rates(), default=None)
+        if fastest is None and self._stands and self._has_seen:
+            detail = "it stood on the ground before it was to land"
+            return self.verdict(passed=True, limit=self._max_m_s, unit="m/s", detail=detail)
         if fastest is None:
             return self.invalid("no pose seen while it landed" if has_landed else "no pose seen")
         sink_m_s, at_s = fastest

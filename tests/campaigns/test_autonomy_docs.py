@@ -22,15 +22,15 @@ LENS = Intrinsics.from_fov(320, 240, math.radians(69.0))
 def built(**parameters: object) -> wil_campaign.api.Autonomy:
     module = ModuleType("my_autonomy")
     exec(compile(CODE, "docs/autonomy.md", "exec"), vars(module))  # noqa: S102 - our own page
-    made = module.TowardsOrange(goal={"altitude_m": 1.2}, parameters=parameters, seed=1)
+    made = module.ThroughOrange(goal={"altitude_m": 1.2}, parameters=parameters, seed=1)
     assert isinstance(made, wil_campaign.api.Autonomy)
     return made
 
 
-def image(t_s: float, column: int) -> CameraReading:
-    """Return an image with an orange square around a column."""
+def image(t_s: float, column: int, rows: tuple[int, int] = (100, 140)) -> CameraReading:
+    """Return an image with an orange bar around a column."""
     image_bgr = np.full((240, 320, 3), 90, np.uint8)
-    image_bgr[100:140, column - 20 : column + 20] = (0, 120, 255)
+    image_bgr[slice(*rows), column - 20 : column + 20] = (0, 120, 255)
     return CameraReading(t_s, t_s + 0.05, 0, "real", image_bgr, LENS)
 
 
@@ -49,7 +49,7 @@ def test_the_class_searches_until_it_sees_orange_and_flies_there_in_the_world() 
     autonomy.perceive(image(1.0, column=160))
     north, east, _ = velocity(autonomy.act(telemetry(math.pi / 2, 1.1)))
     assert north == pytest.approx(0.0, abs=0.01)
-    assert east == pytest.approx(0.8)
+    assert east == pytest.approx(0.8, abs=0.05)
     autonomy.perceive(image(1.2, column=240))
     command = autonomy.act(telemetry(0.0, 1.3))
     assert command.note == "approach"
@@ -57,9 +57,12 @@ def test_the_class_searches_until_it_sees_orange_and_flies_there_in_the_world() 
     assert autonomy.act(telemetry(0.0, 2.3)).note == "search"
 
 
-def test_the_class_refuses_an_impossible_speed() -> None:
-    with pytest.raises(ValueError, match="between 0 and 5"):
-        built(speed_m_s=-1.0)
+def test_the_class_is_done_once_it_has_flown_on_from_where_the_gate_filled_its_image() -> None:
+    autonomy = built(speed_m_s=0.9)
+    autonomy.perceive(image(1.0, column=160, rows=(0, 240)))
+    flown = [autonomy.act(telemetry(0.0, t_s)) for t_s in (1.1, 3.0, 3.2)]
+    assert [one.done for one in flown] == [False, False, True]
+    assert {one.note for one in flown} == {"through"}
 
 
 def test_the_figures_of_the_page_are_those_of_the_code() -> None:

@@ -54,3 +54,12 @@ def test_every_oracle_has_its_row() -> None:
     page = (DOCS / "oracles.md").read_text("utf-8")
     rows = {row.split("|")[1].strip(" `") for row in page.splitlines() if row.startswith("| `")}
     assert set(oracle_kinds()) - rows == set()
+
+
+def test_the_page_of_campaigns_shows_a_goal_of_each_kind(files: Any) -> None:
+    page = (DOCS / "campaigns.md").read_text("utf-8")
+    (gates, position) = re.findall(r"(?m)^goal: \{(.+?)\} +# or (position: \{.+\})$", page)[0]
+    assert "gates" in gates
+    files.change("gates: [gate]", position)
+    files.change("  reached: {}", "  reached_position: {tolerance_m: 0.3}")
+    assert files.load().runs

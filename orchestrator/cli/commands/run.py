@@ -1,6 +1,8 @@
 """`wil-campaign run`: fly a campaign."""
 
 import os
+import shutil
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -22,7 +24,13 @@ from wil_campaign.orchestrator.cli.announcements import announce_verdicts
 from wil_campaign.orchestrator.cli.arming_consent import RefusedError
 from wil_campaign.orchestrator.cli.engine_flight import ready_flight
 from wil_campaign.orchestrator.cli.final_report import write_final_report
-from wil_campaign.orchestrator.cli.flight_needs import compilation_notice, needs_text
+from wil_campaign.orchestrator.cli.flight_needs import (
+    compilation_notice,
+    disk_warning,
+    flight_needs,
+    images_mb_of,
+    needs_text,
+)
 from wil_campaign.orchestrator.cli.live_views import views_beside
 from wil_campaign.orchestrator.cli.plugin_options import (
     NO_OPTIONS,
@@ -118,7 +126,8 @@ def _fly_selected(
         # Standard output is one document with --json, and the lines have to be seen.
         say = err if json else display.say
         with display, views_beside(views, say, program=os.getpid()):
-            display.say(_announcement(campaign, options, cleared))
+            for line in _announcement(campaign, options, cleared):
+                display.say(line)
             if notice := compilation_notice(campaign):
                 display.say(notice)
             outcome = fly_campaign(campaign, options, cleared, display)
@@ -152,13 +161,18 @@ def _gcs_sets(links: tuple[str, ...]) -> list[str]:
     return sets
 
 
-def _announcement(campaign: Campaign, options: FlightOptions, cleared: Cleared) -> str:
-    """Return the line that announces what `run` flies."""
-    runs = len(planned(campaign, arm=options.arm))
-    at_once, place = min(cleared.jobs, runs), options.out / campaign.name
-    needs = needs_text(place, flights=runs, at_once=at_once, clock=cleared.clock)
-    flights = count_text(runs, "flight")
-    return f"{campaign.name}: {flights}, {at_once} at a time, {cleared.clock} clock; {needs}"
+def _announcement(campaign: Campaign, options: FlightOptions, cleared: Cleared) -> Iterator[str]:
+    """Yield the line that announces what `run` flies, and a warning of much disk."""
+    plans = planned(campaign, arm=options.arm)
+    runs, at_once = len(plans), min(cleared.jobs, len(plans))
+    images_mb = [images_mb_of(campaign.setups[plan.case], plan.mode) for plan in plans]
+    needs = flight_needs(options.out / campaign.name, cleared.clock, images_mb=images_mb)
+    flights, needed = count_text(runs, "flight"), needs_text(needs, flights=runs, at_once=at_once)
+    yield f"{campaign.name}: {flights}, {at_once} at a time, {cleared.clock} clock; {needed}"
+    there = next(path for path in (options.out, *options.out.resolve().parents) if path.exists())
+    free_mb = shutil.disk_usage(there).free / 1e6
+    if warning := disk_warning(needs, flights=runs, free_mb=free_mb):
+        yield warning
 
 
 def _print_verdicts(

@@ -33,9 +33,25 @@ def headline_of(
 ) -> str:
     """Return one sentence about what the vehicle did; empty where the reason has to serve.
 
-    oracle: the one that decided. poses: of its vehicle, in the order of time. at_s: when it was
-    decided. speed_m_s: of the vehicle then. passed: the nearest pass of the target.
+    A second one says that the autonomy had not begun to fly. oracle: the one that decided. poses:
+    of its vehicle, in the order of time. at_s: when it was decided. speed_m_s: of the vehicle then.
+    passed: the nearest pass of the target.
     """
+    did = _did(result, oracle, poses, stages=stages, at_s=at_s, speed_m_s=speed_m_s, passed=passed)
+    return f"{did} The autonomy had not begun to fly." if did and result.before_autonomy else did
+
+
+def _did(
+    result: RunResult,
+    oracle: OracleResult | None,
+    poses: Sequence[TimedPose],
+    *,
+    stages: Mapping[str, float],
+    at_s: float | None,
+    speed_m_s: float | None,
+    passed: NearestPass | None,
+) -> str:
+    """Return what the vehicle of a FAIL did; empty where the reason has to serve."""
     if result.verdict == "FAIL" and result.decided_by.startswith(_BY_FENCE):
         return _landed_by_guard(result, _when(at_s, stages))
     if result.verdict != "FAIL" or oracle is None:

@@ -3,7 +3,7 @@
 import base64
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -76,11 +76,19 @@ class _Decoder:
         self._images = RecordedImages(found.facts)
         self._problems = found.problems
         self._has_refused = False
+        self._far_m: float | None = None
 
     def decode_sensor(
-        self, sensor: str, sights: Iterable[RecordedSight], at_s: float | None
+        self, sensor: str, sights: Sequence[RecordedSight], at_s: float | None
     ) -> list[Sight]:
+        """Return the sights of a sensor; all depths have one scale of colours."""
         found: list[Sight] = []
+        shown_together = (
+            message
+            for sight in sights
+            for message in (sight.perceived, *(sight.beside if sight.wanted_s == at_s else ()))
+        )
+        self._far_m = self._images.far_m(shown_together)
         for sight in sights:
             is_main = sight.wanted_s == at_s
             perceived = self._try(sight.perceived, is_main=is_main)
@@ -116,8 +124,8 @@ class _Decoder:
         wil = document["wil"]
         if wil["type"] in {"camera", "depth"}:
             image = self._images.image(document)
-            is_depth = wil["type"] == "depth"
-            bgr = color_depth(image) if is_depth else image
+            far_m = self._far_m if wil["type"] == "depth" else None
+            bgr = image if far_m is None else color_depth(image, far_m)
             frame = frame_of(
                 bgr,
                 source=str(wil["source"]),
@@ -126,7 +134,7 @@ class _Decoder:
                 width_px=width_px,
                 quality=self._size.quality,
             )
-            return replace(frame, view=_view(document), is_depth=is_depth)
+            return replace(frame, view=_view(document), far_m=far_m)
         if wil["type"] == "lidar":
             return _scan(document, delivered_s)
         return None

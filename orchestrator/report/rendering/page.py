@@ -30,7 +30,6 @@ from wil_campaign.orchestrator.report.rendering.plot_svg import (
 from wil_campaign.orchestrator.report.words import MODES, number_text, short_time
 from wil_campaign.orchestrator.run_results.result_parts import distinct
 from wil_campaign.orchestrator.run_results.run_result import RunResult
-from wil_campaign.vehicles.perception.depth_colors import FAR_M
 
 _HALF = 110.0
 
@@ -145,7 +144,6 @@ def render_run(
             scan=None if run.sight is None else scan_svg((*run.sight.beside, run.sight.perceived)),
             strip=[sight for sight in run.strip if isinstance(sight.perceived, Frame)],
             frames=_frames(run.sight),
-            far_m=FAR_M,
             marks=marks_svg(run.sight),
             closeup=None if run.closeup is None else closeup_svg(run.closeup, run.goal_s),
             video=video or _link(run.name, run.video),

@@ -269,20 +269,33 @@ async def confirmed_at_rest(pair: Pair) -> frozenset[str]:
 
 _LAST_TEXTS = 4
 _FRESH_S = 2.0
-"""An older text may have another cause: its age is shown."""
+"""An older text may have another cause: its age is shown, or it is left out."""
+_WARNING = 4
+"""MAV_SEVERITY_WARNING: a graver text may explain an end long after it, a lesser one may not."""
 
 
 def last_statustext(pair: Pair, event: GuardEvent, *, armed_s: float | None) -> str:
     """Return the last texts of the vehicle of a guard event: lost, failsafe, landed alone.
 
-    armed_s: when the vehicles were to arm; texts of the preflight ended no flight.
+    armed_s: when the vehicles were to arm; texts of the preflight ended no flight. What only tells
+    of the flight's course, as "Takeoff detected", is left out unless it was among the last things
+    that the vehicle sent.
     """
     context = next(
         (one for one in (*pair.contexts, *pair.actors) if one.name == event.vehicle), None
     )
     if context is None or event.kind not in {"lost", "failsafe", "alone"}:
         return ""
-    recent = [text for text in context.driver.state.texts if armed_s is None or text.t_s >= armed_s]
+    state = context.driver.state
+    received_s = (
+        event.t_s if state.last_received_s is None else min(event.t_s, state.last_received_s)
+    )
+    recent = [
+        statustext
+        for statustext in state.texts
+        if (armed_s is None or statustext.t_s >= armed_s)
+        and (statustext.severity <= _WARNING or received_s - statustext.t_s < _FRESH_S)
+    ]
     texts = [_with_age(statustext, event.t_s) for statustext in recent[-_LAST_TEXTS:]]
     return f"; its last STATUSTEXT: {' | '.join(texts)}" if texts else ""
 

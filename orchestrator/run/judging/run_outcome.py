@@ -83,7 +83,7 @@ def result_of(
         worst=judge.worst_texts,
     )
     note = decision.note or run_state.note_at(decision.at_s)
-    reason = reason_of(decision, note)
+    reason = reason_of(decision, note, goal_s=run_state.entered_s.get("goal"))
     takeoff_s, landed_s = run_state.entered_s.get("takeoff"), run_state.entered_s.get("landed")
     return RunResult(
         case=plan.case,
@@ -141,9 +141,17 @@ def _no_retry(decision: Decision, run_state: RunState, judge: Judge) -> str:
     return next((failed_too(failure.text) for failure in failures), "")
 
 
-def reason_of(decision: Decision, note: str) -> str:
-    """Return the reason of a run's outcome, with the autonomy's note at that time for a FAIL."""
-    return with_note(decision.reason, note if decision.verdict == "FAIL" else "")
+def reason_of(decision: Decision, note: str, *, goal_s: float | None) -> str:
+    """Return the reason of a run's outcome; of a FAIL, with what the autonomy did by then.
+
+    That is its note at that time. goal_s: when it began to fly; None where it never did. What an
+    autonomy failed by itself, as it started, has its own reason.
+    """
+    if decision.verdict != "FAIL":
+        return decision.reason
+    is_own = decision.source.partition("/")[0] == "autonomy"
+    has_begun = goal_s is not None and decision.at_s >= goal_s
+    return with_note(decision.reason, note, has_begun=is_own or has_begun)
 
 
 def broken_result(

@@ -33,6 +33,15 @@ def warned(files: Any) -> list[str]:
                 "have 0.15 to 0.31: usually about 0.023 kg m² for 1.8 kg on arms of 0.25 m"
             ),
         ),
+        ("airframe: {mass_kg: 1.8, arm_m: 0.25, max_thrust_n: 9}", ""),
+        (
+            "airframe: {mass_kg: 1, max_thrust_n: 5, inertia_yy_kg_m2: 0.00232}",
+            (
+                "airframe.inertia_yy_kg_m2 of 0.00232 is 0.076 x mass x arm², published "
+                "quadrotors have 0.15 to 0.31: usually about 0.0061 kg m² for 1 kg on arms of "
+                "0.175 m"
+            ),
+        ),
         ("battery: {full_v: 16.8, empty_v: 14}", ""),
         (
             "battery: {full_v: 12600, empty_v: 10500}",
@@ -98,3 +107,36 @@ def test_a_mesh_in_another_unit_is_warned_of(files: Any, scale: str, said: str) 
     )
     told = [one.partition(": ")[2] for one in warned(files)]
     assert [one for one in told if one.startswith("is ")] == ([said] if said else [])
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("yaw_rad: 6.28", []),
+        ("yaw_rad: -90", ["-90 radians are -14.3 turns: as degrees it is -1.571 rad"]),
+        (
+            "course: {yaws_rad: [0, 180]}",
+            ["180 radians are 28.6 turns: as degrees it is 3.142 rad"],
+        ),
+        ("turn_rad_s: 7", []),
+    ],
+)
+def test_degrees_in_a_key_of_radians_are_warned_of(files: Any, given: str, said: list[str]) -> None:
+    files.change('if set(parameters) - {"speed_m_s"}', "if not {*parameters}", file="pilot.py")
+    files.change("with: {speed_m_s: 0.8}", f"with: {{speed_m_s: 0.8, {given}}}")
+    told = [one.partition(": ")[2] for one in warned(files)]
+    assert [one for one in told if "radians" in one] == said
+
+
+def test_a_world_in_millimetres_is_pointed_at_in_its_own_file(files: Any) -> None:
+    metres = "{inner_size_m: 1.0, bar_m: 0.1}}\n    pose: {north_m: 3.0, up_m: 1.2}"
+    files.change(metres, metres.replace("3.0", "3000"), file="world.yaml")
+    (fault,) = files.faults()
+    assert "world.yaml:9:5: 'gate' is 2996.00 m outside of the geofence's north side" in fault
+    assert "lengths are in metres" in fault
+    files.change("north_m: 3000", "north_m: 3.0", file="world.yaml")
+    room = "{size_north_m: 6, size_east_m: 6, height_m: 2.5}"
+    vast = "{size_north_m: 6000, size_east_m: 6000, height_m: 2500}"
+    files.change(room, vast, file="world.yaml")
+    (told,) = [one for one in warned(files) if "large" in one]
+    assert told == "world.yaml:5:13: is 6e+03 x 6e+03 x 2.5e+03 m large: lengths are in metres"

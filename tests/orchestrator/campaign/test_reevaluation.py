@@ -218,10 +218,12 @@ def test_a_reason_quotes_the_note_of_the_moment_that_decided(fly_run: Fly) -> No
         until = [row.note for row in rows if row.t_s <= oracle.at_s]
         assert until[-1] == result.note != rows[-1].note
         assert result.reason.endswith(f"the autonomy's last note was '{result.note}'")
-    # Before the first note there is none to quote.
+    # Before the goal the autonomy has not begun, whatever its first note was.
     early = {"t_s": -1.0, "event": "decisive", "kind": "FAIL", "reason": "no", "source": "guard"}
     log_also(folder, early)
-    assert judge_run_again(plan_of(()), folder).now.reason == "no"
+    assert judge_run_again(plan_of(()), folder).now.reason == (
+        "no; the autonomy had not begun to fly"
+    )
 
 
 def test_a_flight_proves_nothing_of_a_world_that_it_was_not_flown_in(

@@ -3,6 +3,8 @@
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from tests.orchestrator.run_results.test_results import result, summary
 from wil_campaign.orchestrator.cli.progress_display import finished_line
 from wil_campaign.orchestrator.cli.verdict_table import (
@@ -12,7 +14,8 @@ from wil_campaign.orchestrator.cli.verdict_table import (
     next_steps,
 )
 from wil_campaign.orchestrator.run_results.control_results import ControlResult
-from wil_campaign.orchestrator.run_results.run_result import Also
+from wil_campaign.orchestrator.run_results.run_result import Also, RunResult
+from wil_campaign.safety.model.oracle_results import OracleResult
 
 
 def test_text_too_long_for_the_last_line_stands_above_it() -> None:
@@ -93,18 +96,47 @@ def test_words_are_explained_where_they_stand() -> None:
     assert words == ["reported", "INVALID", "left out"]
 
 
+def failed_by(*names: str) -> RunResult:
+    """Return a run that FAILed by these oracles of its twin; the first one decided."""
+    oracles = tuple(
+        OracleResult(name, "twin", True, "FAIL", 2.0, 1.0, "m", -1.0, 5.0) for name in names
+    )
+    return replace(result("FAIL"), oracles=oracles, decided_by=f"{names[0]}/twin")
+
+
+@pytest.mark.parametrize(
+    ("names", "offered"),
+    [
+        (("clearance",), True),
+        (("near", "geofence"), True),  # a formula of the campaign's own name
+        (("touchdown_always",), True),
+        (("collision",), False),
+        (("collision_always",), False),
+        (("time_limit", "reached"), False),
+        (("landed",), False),
+    ],
+)
+def test_judging_again_is_offered_where_other_limits_can_help(
+    names: tuple[str, ...], offered: bool
+) -> None:
+    some = replace(summary([failed_by(*names)]), broken=False)
+    lines = next_steps(some, file=Path("gate.yaml"), folder=Path("1"), has_report=False)
+    assert [" judge " in line.plain for line in lines] == [True] * offered
+
+
 def test_the_next_steps_are_those_of_the_outcome() -> None:
     file, folder = Path("my gate.yaml"), Path("results/gate/1")
     accepted = replace(summary([result()]), broken=False)
     (only,) = next_steps(accepted, file=file, folder=folder, has_report=True)
     assert "open the report" in only.plain
-    failed = replace(summary([result("FAIL")]), broken=False, stopped="signal")
+    slow = failed_by("time_limit")
+    failed = replace(summary([slow]), broken=False, stopped="signal")
     lines = [line.plain for line in next_steps(failed, file=file, folder=folder, has_report=False)]
     assert lines == [
         "next: wil-campaign run 'my gate.yaml' --out results/gate/1 --resume flies what is missing",
         "next: wil-campaign judge 'my gate.yaml' results/gate/1 tries other limits without flying",
     ]
-    grounded = replace(summary([replace(result("FAIL"), duration_s=None)]), broken=False)
+    grounded = replace(summary([replace(slow, decided_by="guard.fence/twin")]), broken=False)
     assert next_steps(grounded, file=file, folder=folder, has_report=False) == []
     log = "large/sim/1/twin-node.log"
     dead = replace(result("FAIL"), decided_by="autonomy/twin", artifacts=(log,))

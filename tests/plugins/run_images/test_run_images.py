@@ -25,7 +25,7 @@ from wil_campaign.plugins.run_images.recorded_images import (
     most_mixed,
     read_images,
 )
-from wil_campaign.vehicles.perception.depth_colors import depth_scale
+from wil_campaign.vehicles.perception.depth_colors import color_depth, depth_scale
 from wil_campaign.vehicles.readings import CameraReading, DepthReading, Drawing
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
@@ -112,15 +112,15 @@ def test_colours_of_depths_have_their_scale_on_the_card(folder: Path) -> None:
     campaign = read_campaign(folder)
     run = read_run(folder, campaign.entries[0], ImageSize.for_runs(1))
     nearest: tuple[int, int, int] = tuple(depth_scale(1, 1)[0, 0, ::-1].tolist())
-    for is_depth in (False, True):
-        images = ImagesAtTime(0.0, {}, is_depth)
+    for far_m in (None, 3.0):
+        images = ImagesAtTime(0.0, {}, far_m)
         draw_card(run, "gate", images).image.save(folder / "card.png")
-        assert has_colour(folder / "card.png", nearest) is is_depth
+        assert has_colour(folder / "card.png", nearest) is (far_m is not None)
 
 
 def test_recorded_depths_are_known_as_such(folder: Path) -> None:
     place = folder / "large/sim/1"
-    assert not any(one.is_depth for one in read_images(place, mode="sim", wanted_s=[5.0]))
+    assert not any(one.far_m for one in read_images(place, mode="sim", wanted_s=[5.0]))
     (place / "run.mcap").unlink()
     with recorder(place / "run.mcap", settings=RecordingSettings(), facts={}) as run:
         for seq in range(1, 200):
@@ -129,12 +129,14 @@ def test_recorded_depths_are_known_as_such(folder: Path) -> None:
                 arrived_s=0.05 * seq,
                 seq=seq,
                 source="twin",
-                depth_m=np.ones((8, 8), np.float32),
+                depth_m=np.full((8, 8), 1.0 if seq < 120 else 4.2, np.float32),
                 intrinsics=Intrinsics.from_fov(8, 8, 1.0),
             )
             run.reading("depth", reading)
-    found = read_images(place, mode="sim", wanted_s=[5.0])
-    assert [one.is_depth for one in found] == [True]
+    near, far = read_images(place, mode="sim", wanted_s=[5.0, 8.0])
+    assert (near.far_m, far.far_m) == (5.0, 5.0), "one scale, to what is seen at any time"
+    one_metre = color_depth(np.ones((1, 1), np.float32), 5.0)
+    assert (near.images_bgr["twin"][0, 0] == one_metre[0, 0]).all()
 
 
 def test_an_unknown_run_and_one_without_a_folder_are_named(folder: Path) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.safety.oracles.oracle_rigs import build, pose, stage
+from tests.safety.oracles.oracle_rigs import build, pose, stage, state
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.oracles.oracle import OracleContext
 
@@ -88,3 +88,22 @@ def test_a_flight_that_has_not_landed_is_not_measured() -> None:
     result = judge.result(3.0)
     assert (result.verdict, result.actual, result.detail) == ("PASS", None, "not landed")
     assert not math.isnan(result.limit)  # type: ignore[arg-type]  # a number
+
+
+@pytest.mark.parametrize("sees", [True, False])
+def test_a_vehicle_that_flew_to_the_ground_by_itself_has_no_landing_that_was_missed(
+    sees: bool,
+) -> None:
+    judge = build("touchdown", max_m_s=1.0)
+    stage(judge, takeoff=0.0, at_height=1.0)
+    judge.on_state(state(1.5, landed=False))
+    judge.on_state(state(2.0, landed=True))
+    if sees:
+        judge.on_pose(pose(2.0))
+    stage(judge, land=2.1, landed=2.15)
+    result = judge.result(2.15)
+    if sees:
+        told = ("PASS", None, "it stood on the ground before it was to land")
+    else:
+        told = ("INVALID", None, "no pose seen while it landed")
+    assert (result.verdict, result.actual, result.detail) == told

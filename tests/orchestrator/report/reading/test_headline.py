@@ -125,3 +125,13 @@ def test_a_pass_says_what_was_tightest() -> None:
     assert both is not None
     assert both.sentence.startswith("All 2 required checks held.")
     assert [each.name for each in both.margins] == ["collision", "landed"], "as many as it says"
+
+
+def test_a_failure_before_the_autonomy_began_is_not_laid_at_its_door() -> None:
+    why = "real is 0.4 m outside; the guard holds; the autonomy had not begun to fly"
+    result = replace(touched(), reason=why, decided_by="guard.fence/real", oracles=())
+    assert result.bare_reason == "real is 0.4 m outside; the guard holds"
+    assert headline_of(result, None, [], stages={"takeoff": 3.0}, at_s=5.0) == (
+        "The real vehicle was landed by the guard: it is 0.4 m outside. The autonomy had not begun "
+        "to fly."
+    )

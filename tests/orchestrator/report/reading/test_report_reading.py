@@ -148,9 +148,9 @@ def test_colours_of_depths_have_their_scale(recorded: Path) -> None:
     run = run_of(recorded)
     assert run.sight is not None
     assert isinstance(run.sight.perceived, Frame)
-    words = "20 m or farther, or no echo"
+    words = "3 m or farther, or no echo"
     assert words not in render_run(run, anchor="run").html
-    deep = replace(run.sight, perceived=replace(run.sight.perceived, is_depth=True))
+    deep = replace(run.sight, perceived=replace(run.sight.perceived, far_m=3.0))
     assert words in render_run(replace(run, sight=deep), anchor="run").html
 
 
@@ -272,7 +272,10 @@ def test_a_run_that_the_guard_ended_says_when_though_its_reason_has_a_note(recor
     assert result is not None
     breach = "real cannot stop before the fence's north side, 0.99 m away"
     guarded = replace(
-        result, reason=with_note(breach, "through"), note="through", decided_by="guard.fence/real"
+        result,
+        reason=with_note(breach, "through", has_begun=True),
+        note="through",
+        decided_by="guard.fence/real",
     )
     events = [LogEvent(20.0, "decisive", "", f"kind FAIL · {breach} · source guard.fence/real")]
     cause = cause_of(guarded, events, goal_s=15.0, passed=NearestPass(18.0, 0.7))

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.orchestrator.report.recorded_campaign import HOSTILE, write_campaign
+from wil_campaign.orchestrator.cli import verdict_table
 from wil_campaign.orchestrator.report.campaign_report import write_report
 from wil_campaign.orchestrator.report.rendering.markup import element, visible
 from wil_campaign.orchestrator.report.rendering.page import anchors
@@ -254,3 +255,11 @@ def test_an_axis_holds_its_values_between_round_numbers(values: list[float]) -> 
 @pytest.mark.parametrize(("span", "step"), [(10.0, 2.0), (1.0, 0.2), (24.0, 5.0), (0.0, 2e-7)])
 def test_steps_are_round(span: float, step: float) -> None:
     assert tick_step(span, 5) == pytest.approx(step)
+
+
+def test_the_table_of_cases_has_the_words_of_the_terminal(page: str) -> None:
+    table = page.partition('id="cases"')[2].partition("</thead>")[0]
+    words = re.findall(r"<th[^>]*>([^<]+)</th>", table)
+    of_terminal = [name.replace("\n", " ") for name in verdict_table._COLUMNS]
+    assert set(words) - set(of_terminal) == {"needs"}
+    assert {"clearance m", "skew ms", "error px"} <= set(words)

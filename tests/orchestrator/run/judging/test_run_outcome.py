@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from wil_campaign.orchestrator.run.judging.run_outcome import _unseen
+from wil_campaign.orchestrator.run.judging.run_outcome import _unseen, reason_of
 from wil_campaign.orchestrator.run_results.run_result import also_of
 from wil_campaign.safety.model.verdict import Decision, DecisiveEvent
 
@@ -43,3 +43,22 @@ def test_a_named_object_that_no_mixture_had_in_view_is_unseen(
     combinations: list[Any], unseen: tuple[str, ...]
 ) -> None:
     assert _unseen(tuple(combinations), {"gate"}) == unseen
+
+
+@pytest.mark.parametrize(
+    ("at_s", "goal_s", "source", "said"),
+    [
+        (5.0, None, "guard.fence/real", "up; the autonomy had not begun to fly"),
+        (5.0, 9.0, "altitude/real", "up; the autonomy had not begun to fly"),
+        (9.5, 9.0, "altitude/real", "up; the autonomy's last note was 'to the gate'"),
+        # An autonomy that crashes as it is loaded, or perceives its first image.
+        (5.0, None, "autonomy/real", "up; the autonomy's last note was 'to the gate'"),
+    ],
+)
+def test_a_failure_before_the_autonomy_flew_is_not_taken_for_its_own(
+    at_s: float, goal_s: float | None, source: str, said: str
+) -> None:
+    decision = Decision("FAIL", "up", (), source, at_s=at_s)
+    assert reason_of(decision, "to the gate", goal_s=goal_s) == said
+    of_the_test = Decision("ERROR", "lost", (), source, at_s=at_s)
+    assert reason_of(of_the_test, "to the gate", goal_s=goal_s) == "lost"

@@ -277,23 +277,49 @@ def test_an_airframe_that_cannot_fly_is_refused(
     assert f"{key}: {value}" in str(problem)
 
 
-def test_a_larger_drone_needs_its_own_inertia(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("base", "shares"),
+    [
+        # The paper's drone has 2.32e-3 kg m² at 0.5 kg and arms of 0.175 m; PX4's 0.025 at 1 kg.
+        ("nominal", (0.1515, 0.1515, 0.2612)),
+        ("px4-sih", (0.3126, 0.3126, 0.3751)),
+    ],
+)
+def test_an_inertia_left_out_grows_with_mass_and_arms(
+    tmp_path: Path, base: str, shares: tuple[float, float, float]
+) -> None:
+    file = tmp_path / "mine.yaml"
+    head = f"schema: wil/profile/1\ndescription: mine\nbase: {base}\n"
+    file.write_text(f"{head}airframe: {{mass_kg: 2, arm_m: 0.3, max_thrust_n: 10}}\n")
+    airframe = load_profile(file).airframe
+    assert airframe is not None
+    whole_kg_m2 = 2.0 * 0.3**2
+    found = (airframe.inertia_xx_kg_m2, airframe.inertia_yy_kg_m2, airframe.inertia_zz_kg_m2)
+    assert [one / whole_kg_m2 for one in found] == pytest.approx(shares, abs=1e-4)
+    assert list(airframe.unusual()) == []
+    file.write_text(f"{head}airframe: {{max_thrust_n: 10, inertia_zz_kg_m2: 0.04}}\n")
+    given = load_profile(file).airframe
+    before = load_profile(base).airframe or AirframeNumbers()
+    assert given == before.model_copy(update={"max_thrust_n": 10.0, "inertia_zz_kg_m2": 0.04})
+
+
+def test_a_drone_of_strong_motors_needs_its_own_inertia(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     head = "schema: wil/profile/1\ndescription: big\nbase: nominal\n"
-    big = "mass_kg: 6, arm_m: 0.5, max_thrust_n: 30"
+    big = "mass_kg: 0.7, arm_m: 0.175, max_thrust_n: 40"
     file.write_text(f"{head}airframe: {{{big}}}\n")
     with pytest.raises(BadInput) as error:
         load_profile(file, shown_as="mine.yaml")
     (problem,) = error.value.problems
     assert problem.headline == (
-        "mine.yaml:4:1: 0.00232 kg m² is less than motors of 30 N on arms of 0.5 m have alone "
-        "(0.025): set inertia_xx_kg_m2 too, usually about 0.2 mass x arm², 0.3 kg m²"
+        "mine.yaml:4:11: 0.003248 kg m² is less than motors of 40 N on arms of 0.175 m have alone "
+        "(0.0042): set inertia_xx_kg_m2 too, usually about 0.2 mass x arm², 0.0043 kg m²"
     )
-    numbers = f"{big}, inertia_xx_kg_m2: 0.3, inertia_yy_kg_m2: 0.3"
+    numbers = f"{big}, inertia_xx_kg_m2: 0.005, inertia_yy_kg_m2: 0.005"
     file.write_text(f"{head}airframe: {{{numbers}}}\n")
-    with pytest.raises(BadInput, match=r"set inertia_zz_kg_m2 too, usually .* 0\.6 kg m²"):
+    with pytest.raises(BadInput, match=r"set inertia_zz_kg_m2 too, usually .* 0\.0086 kg m²"):
         load_profile(file)
-    file.write_text(f"{head}airframe: {{{numbers}, inertia_zz_kg_m2: 0.6}}\n")
+    file.write_text(f"{head}airframe: {{{numbers}, inertia_zz_kg_m2: 0.009}}\n")
     assert load_profile(file).airframe is not None
 
 
