@@ -189,13 +189,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """End a worker of pytest-xdist with pytest itself: else it would fly on for minutes.
 
-    Who names a test has it flown (the workers are told by the option). A shell that starts pytest
-    in the background has it, and all its children, ignore Ctrl-C, which is what some tests send.
+    Who names a test has it flown. A shell that starts pytest in the background has it, and all its
+    children, ignore Ctrl-C, which is what some tests send.
     """
-    if hasattr(config, "workerinput"):
-        if sys.platform == "linux":
-            die_with_parent(signal.SIGTERM)
-    elif config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
+    if hasattr(config, "workerinput") and sys.platform == "linux":
+        die_with_parent(signal.SIGTERM)
+    if config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
         config.option.nightly = True
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -63,6 +63,8 @@ def test_all_tests_leave_out_what_flies_each_night_and_who_names_a_test_flies_it
     ended().assert_outcomes(passed=1, deselected=1)
     ended("--nightly").assert_outcomes(passed=2)
     ended("tests/test_cases.py").assert_outcomes(passed=2)
+    ended("-n", "1").assert_outcomes(passed=1)
+    ended("-n", "1", "tests/test_cases.py").assert_outcomes(passed=2)
     missing = "*names what is no test: tests/test_cases.py::test_it[[]3[]]*"
     ended(kept="3").stderr.fnmatch_lines([missing])
 

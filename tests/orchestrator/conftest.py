@@ -1,10 +1,9 @@
 """Runs of the shipped campaigns, small enough for tests; workers that need not import anew."""
 
 import multiprocessing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -100,9 +99,15 @@ def forked_workers(fork_server: None) -> Iterator[None]:
 def vehicles_on() -> Iterator[None]:
     """Have embedded vehicles in this process on for a minute already, as those on the wall clock.
 
-    Their boot is no matter of most flights: 6 s of each with PX4, 40 s with ArduCopter.
+    Their boot is no matter of most flights: 6 s of each with PX4, 40 s with ArduCopter. Nor are the
+    2 s for which a PX4 stands armed after its landing, an eighth of a brief flight.
     """
-    on = partial(vars(vehicle_backends)["EmbeddedConfig"], running_s=60.0)
+    config: Callable[..., object] = vars(vehicle_backends)["EmbeddedConfig"]
+
+    def on(*, autopilot: str, parameters: Mapping[str, float], **given: object) -> object:
+        short = {"COM_DISARM_LAND": 0.2} if autopilot == "px4" else {}
+        return config(autopilot=autopilot, parameters=short | parameters, running_s=60.0, **given)
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(vehicle_backends, "EmbeddedConfig", on)
         yield
