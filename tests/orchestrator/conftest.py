@@ -106,7 +106,9 @@ def vehicles_on() -> Iterator[None]:
 
     def on(*, autopilot: str, parameters: Mapping[str, float], **given: object) -> object:
         short = {"COM_DISARM_LAND": 0.2} if autopilot == "px4" else {}
-        return config(autopilot=autopilot, parameters={**short, **parameters}, running_s=60.0, **given)
+        return config(
+            autopilot=autopilot, parameters={**short, **parameters}, running_s=60.0, **given
+        )
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(vehicle_backends, "EmbeddedConfig", on)
