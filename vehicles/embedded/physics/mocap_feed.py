@@ -39,13 +39,14 @@ class MotionCaptureFeed:
         """Add a receiver of the motion capture feed."""
         self._callbacks.append(callback)
 
-    def is_due(self, step: int) -> bool:
-        """Return whether motion capture samples this physics step."""
+    def next_step(self, step: int) -> float:
+        """Return the first physics step after this one that motion capture samples, or infinity."""
         if not self._callbacks:
-            return False
+            return math.inf
         # Integers: the k-th sample is taken at the first step not before k / rate.
         rate_hz, physics_hz = self._noise.rate_hz, self._physics_hz
-        return step * rate_hz // physics_hz != (step - 1) * rate_hz // physics_hz
+        number = step * rate_hz // physics_hz + 1
+        return -(-number * physics_hz // rate_hz)
 
     def receive(self, truth: TruthSample) -> None:
         """Sample the vehicle's true pose for motion capture."""

@@ -390,6 +390,20 @@ def test_motion_capture_is_noisy_and_late() -> None:
     assert np.mean(angles) == pytest.approx(math.radians(0.2) * 1.6, rel=0.1)
 
 
+@pytest.mark.parametrize("rate_hz", [1, 50, 120, 240, 250])
+def test_motion_capture_samples_the_first_step_not_before_each_time(rate_hz: int) -> None:
+    noise = CAGE.mocap.model_copy(update={"rate_hz": rate_hz})
+    feed = MotionCaptureFeed(
+        noise=noise, source="real", physics_hz=250, rng=np.random.default_rng(1)
+    )
+    assert feed.next_step(0) == math.inf
+    feed.add(lambda _: None)
+    steps = [0.0]
+    while steps[-1] < 1000:
+        steps.append(feed.next_step(int(steps[-1])))
+    assert steps == [math.ceil(number * 250 / rate_hz) for number in range(len(steps))]
+
+
 def test_the_battery_drains_sags_and_fades() -> None:
     battery = Battery(profile=CAGE.battery, hover_thrust_n=4.9)
     full = battery.charge

@@ -54,6 +54,11 @@ class Behaviour(ABC):
         """Return whether the behaviour descends to the ground, so that touching it is a landing."""
         return False
 
+    @property
+    def steady(self) -> Target | None:
+        """Return the target that `update` returns until the behaviour is changed; None if any."""
+        return None
+
     @abstractmethod
     def update(self, now: Motion, t_s: float) -> Target:
         """Return the behaviour's present guidance target."""
@@ -79,6 +84,11 @@ class Hold(Behaviour):
         if position_ned_m is not None:
             self._target = self._target._replace(position_ned_m=position_ned_m)
 
+    @property
+    def steady(self) -> Target | None:
+        """Return the target of a hold that has its place."""
+        return self._target if self.done else None
+
     def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the base's signature
         """Return zero velocity while fast, then the hold's position."""
         if self._place is None and _speed(now) <= self._SLOW_M_S:
@@ -102,6 +112,11 @@ class GoTo(Behaviour):
         self.position_ned_m = position_ned_m
         self._target = Target(position_ned_m, yaw_rad=yaw_rad, speed_m_s=speeds)
         self._radius_m = radius_m
+
+    @property
+    def steady(self) -> Target | None:
+        """Return the place once it is reached."""
+        return self._target if self.done else None
 
     def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the base's signature
         """Return the place to go to; done within the radius."""
@@ -183,6 +198,13 @@ class Follow(Behaviour):
         """Drop the followed setpoint: zero velocity, present heading."""
         self._target = self._still._replace(yaw_rad=now.euler_rad[2])
         self._lifts = self._descends = False
+
+    @property
+    def steady(self) -> Target | None:
+        """Return the followed setpoint where no velocity of it is limited."""
+        target = self._target
+        limited = self._limit is not None and target.position_ned_m[0] is None
+        return None if limited else target
 
     def update(self, now: Motion, t_s: float) -> Target:
         """Return the followed setpoint as guidance target."""
