@@ -21,7 +21,7 @@ from wil_campaign.vehicles.embedded.physics.config import (
     EmbeddedConfig,
     EventListener,
 )
-from wil_campaign.vehicles.embedded.physics.mocap_feed import MotionCaptureFeed
+from wil_campaign.vehicles.embedded.physics.mocap_feed import NEVER, MotionCaptureFeed
 from wil_campaign.vehicles.embedded.physics.motion_kernel import NO_LAW
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.mavlink.codec import Codec
@@ -82,7 +82,7 @@ class EmbeddedVehicle:
             rng=np.random.default_rng([seed, 1]),
         )
         self._truth_callbacks: list[tuple[int, TruthCallback]] = []
-        self._sample_step: float = 0
+        self._sample_step = 0
         """The next step of which somebody takes a sample."""
         self._thrusts: Thrusts = STOPPED
         self._drift = 1.0 + config.profile.clock.drift_ppm * 1e-6
@@ -122,7 +122,7 @@ class EmbeddedVehicle:
 
     def on_mocap(self, callback: MocapCallback) -> None:
         """Call `callback` with the vehicle's motion capture, faults included."""
-        self._mocap.add(callback)
+        self._mocap.add(callback, step=self._steps)
         self._sample_step = 0
 
     def on_fault(self, callback: Callable[[], None]) -> None:
@@ -241,15 +241,16 @@ class EmbeddedVehicle:
 
     def _give_samples(self, steps: int, t_s: float) -> None:
         """Give the samples of this step, and find the next step that has one."""
-        sample, mocap = self._body.sample(t_s), self._mocap
+        sample, mocap, next_step = self._body.sample(t_s), self._mocap, NEVER
         for every, callback in self._truth_callbacks:
-            if steps % every == 0:
+            past = steps % every
+            if past == 0:
                 with _LISTENER:  # its error must not stop the vehicle
                     callback(sample)
-        if mocap.next_step(steps - 1) == steps:
+            next_step = min(next_step, steps - past + every)
+        if mocap.next_step == steps:
             mocap.receive(sample)
-        truths = (steps - steps % every + every for every, _ in self._truth_callbacks)
-        self._sample_step = min([mocap.next_step(steps), *truths])
+        self._sample_step = min(next_step, mocap.next_step)
 
     def _on_bytes(self, data: bytes, t_s: float) -> None:
         if self._muted or not self._alive:

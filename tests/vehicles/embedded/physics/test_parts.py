@@ -17,7 +17,7 @@ from wil_campaign.vehicles.embedded.physics.airframe import Airframe, aircraft_r
 from wil_campaign.vehicles.embedded.physics.battery import Battery
 from wil_campaign.vehicles.embedded.physics.compiled_plant import CompiledPlant
 from wil_campaign.vehicles.embedded.physics.estimator import Estimator
-from wil_campaign.vehicles.embedded.physics.mocap_feed import MotionCaptureFeed
+from wil_campaign.vehicles.embedded.physics.mocap_feed import NEVER, MotionCaptureFeed
 from wil_campaign.vehicles.embedded.physics.motion_kernel import BODY_NUMBERS
 from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
 from wil_campaign.vehicles.embedded.physics.plant import JsbsimPlant, Plant, PlantError
@@ -396,12 +396,15 @@ def test_motion_capture_samples_the_first_step_not_before_each_time(rate_hz: int
     feed = MotionCaptureFeed(
         noise=noise, source="real", physics_hz=250, rng=np.random.default_rng(1)
     )
-    assert feed.next_step(0) == math.inf
-    feed.add(lambda _: None)
-    steps = [0.0]
-    while steps[-1] < 1000:
-        steps.append(feed.next_step(int(steps[-1])))
-    assert steps == [math.ceil(number * 250 / rate_hz) for number in range(len(steps))]
+    assert feed.next_step == NEVER
+    feed.add(lambda _: None, step=7)
+    truth = TruthSample(0.0, Pose.of(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), False, False)
+    steps = []
+    while feed.next_step < 1000:
+        steps.append(feed.next_step)
+        feed.receive(truth)
+    times = [math.ceil(number * 250 / rate_hz) for number in range(1000 * rate_hz // 250 + 1)]
+    assert steps == [step for step in times if 7 < step < 1000]
 
 
 def test_the_battery_drains_sags_and_fades() -> None:
