@@ -229,6 +229,9 @@ class TakeOff(Behaviour):
         self._speeds = speeds
         self._began_s: float | None = None
         self._place = (0.0, 0.0)
+        self._target: Target | None = None
+        self._share = 0.0
+        """Of the climb's speed, on the ramp."""
         self.yaw_rad = 0.0
 
     @property
@@ -241,6 +244,11 @@ class TakeOff(Behaviour):
         """Return the position at which the takeoff ends."""
         return (*self._place, self.down_m)
 
+    @property
+    def steady(self) -> Target | None:
+        """Return the takeoff's target once it is reached, and the ramp is over."""
+        return self._target if self.done and self._share == 1.0 else None
+
     def update(self, now: Motion, t_s: float) -> Target:
         """Return the takeoff's target above its start, at the ramp's speed."""
         if self._began_s is None:
@@ -249,11 +257,15 @@ class TakeOff(Behaviour):
             self.yaw_rad = now.euler_rad[2]
         if now.position_ned_m[2] - self.down_m < self._radius_m:
             self.done = True
-        climb_m_s = self._climb_m_s
+        share = 1.0
         if self._ramp_s > 0.0:
-            climb_m_s *= min(1.0, 0.1 + (t_s - self._began_s) / self._ramp_s)
-        speeds = self._speeds._replace(up=climb_m_s)
-        return Target((*self._place, self.down_m), yaw_rad=self.yaw_rad, speed_m_s=speeds)
+            share = min(1.0, 0.1 + (t_s - self._began_s) / self._ramp_s)
+        target = self._target
+        if target is None or share != self._share:
+            speeds = self._speeds._replace(up=self._climb_m_s * share)
+            target = Target((*self._place, self.down_m), yaw_rad=self.yaw_rad, speed_m_s=speeds)
+            self._target, self._share = target, share
+        return target
 
 
 class LandProfile(NamedTuple):

@@ -16,6 +16,7 @@ from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
     Hold,
     LandProfile,
     Speeds,
+    TakeOff,
     Wanted,
 )
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parameters
@@ -101,6 +102,19 @@ def test_a_steady_target_is_what_the_behaviour_returns_wherever_it_is(behaviour:
     assert behaviour.steady is behaviour.update(fast, 2.0)
     behaviour.face(1.0)
     assert behaviour.steady is behaviour.update(AT_REST, 3.0)
+
+
+def test_a_takeoff_is_steady_once_it_has_arrived_at_its_whole_speed() -> None:
+    takeoff = TakeOff(down_m=-2.0, climb_m_s=1.5, ramp_s=3.0, radius_m=0.3, speeds=_SPEEDS)
+    above = AT_REST._replace(position_ned_m=(0.0, 0.0, -1.9))
+    climbs = [takeoff.update(AT_REST, t_s).speed_m_s[1] for t_s in (1.0, 2.5, 9.0)]
+    assert climbs == pytest.approx([0.15, 0.9, 1.5])
+    assert takeoff.steady is None
+    assert takeoff.update(above, 9.1) is takeoff.update(AT_REST, 9.2) is takeoff.steady
+    early = TakeOff(down_m=-2.0, climb_m_s=1.5, ramp_s=3.0, radius_m=0.3, speeds=_SPEEDS)
+    early.update(above, 1.0)
+    assert early.done
+    assert early.steady is None
 
 
 def test_a_velocity_that_may_be_limited_is_not_steady() -> None:
