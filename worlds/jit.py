@@ -3,10 +3,10 @@
 Without fast-math and without contraction, so that every CPU computes the same bits.
 
 Numba caches a kernel until its own file changes, and ignores changes of files whose kernels it
-calls; so the cache is in a folder named after a digest of the sources that it may call: this
-package's kernels, and all files beside the kernel's own. The folder is in NUMBA_CACHE_DIR, else
-beside the package, else in the user's cache, else beneath TMPDIR: the first that is writable and
-that no other user can change, because what is loaded from it is run. Without one each process
+calls; so the cache is in a folder named after a digest of the sources that it may call: the shared
+kernels' (`_KERNEL_FILES`), and all files beside the kernel's own. The folder is in NUMBA_CACHE_DIR,
+else beside the package, else in the user's cache, else beneath TMPDIR: the first that is writable
+and that no other user can change, because what is loaded from it is run. Without one each process
 compiles its kernels.
 """
 
@@ -35,7 +35,14 @@ Float = Any
 Function = TypeVar("Function", bound=Callable[..., object])
 
 _HERE = Path(__file__).parent
-_KERNEL_FILES = ("jit.py", "clearance/gjk.py", "clearance/surfaces.py")
+_KERNEL_FILES = (
+    "worlds/jit.py",
+    "worlds/clearance/gjk.py",
+    "worlds/clearance/surfaces.py",
+    "vehicles/embedded/control/kernels.py",
+    "vehicles/embedded/physics/motion_kernel.py",
+)
+"""Sources of kernels that kernels of other packages call."""
 
 
 def sources_digest(files: list[Path]) -> str:
@@ -61,7 +68,7 @@ class KernelCache:
 @cache
 def find_kernel_cache(package: Path = _HERE / "render") -> KernelCache:
     """Return the cache of a package's JIT-compiled kernels; its folder is made."""
-    sources = {*(_HERE / file for file in _KERNEL_FILES), *_HERE.glob("render/*.py")}
+    sources = {*(_HERE.parent / file for file in _KERNEL_FILES), *_HERE.glob("render/*.py")}
     name = "kernels-" + sources_digest(sorted(sources | set(package.glob("*.py"))))
     passed_over: list[str] = []
     for folder in _places(name):

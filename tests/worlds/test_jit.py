@@ -5,6 +5,7 @@ import pwd
 import subprocess
 import sys
 import tempfile
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -109,3 +110,21 @@ def test_without_a_cache_a_kernel_is_compiled_in_each_process(
 
     assert doubled(1.5) == 3.0
     assert not jit.is_cached(doubled)
+
+
+def test_the_key_of_the_cache_has_the_sources_of_all_kernels_that_a_kernel_may_call() -> None:
+    root = jit._HERE.parent
+    shared = {*(root / file for file in jit._KERNEL_FILES), *(root / "worlds/render").glob("*.py")}
+    files = [
+        file
+        for package in ("worlds", "vehicles", "plugins", "recipes")
+        for file in (root / package).glob("**/*.py")
+        if "@compiled" in file.read_text("utf-8")
+    ]
+    assert {"px4_kernel.py", "copter_kernel.py"} <= {file.name for file in files}
+    for file in files:
+        name = ".".join(("wil_campaign", *file.relative_to(root).with_suffix("").parts))
+        for kernel in vars(import_module(name)).values():
+            if isinstance(kernel, jit._Kernel):
+                source = Path(kernel.__code__.co_filename)
+                assert source.parent == file.parent or source in shared, (name, source)

@@ -16,7 +16,6 @@ from wil_campaign.vehicles.embedded.physics.motion_kernel import (
     NUMBERS,
     estimate,
     read,
-    read_and_estimate,
 )
 
 
@@ -42,7 +41,8 @@ def load_kernels() -> None:
     """
     motion, zero, errors, late = np.zeros(NUMBERS), np.zeros(3), np.zeros(9), np.zeros((1, 6))
     for emulation in emulations().values():
-        emulation.style.law.step(np.ones(LAW_NUMBERS), motion, 0.004, 1)
+        law = emulation.style.law
+        law.step(np.ones(LAW_NUMBERS), motion, 1)
+        law.advance(np.ones(BODY_NUMBERS), late, 0, 1)
     read(motion, zero, motion)
     estimate(motion, errors, late, 0, motion)
-    read_and_estimate(np.zeros(BODY_NUMBERS), late, 0)

@@ -21,7 +21,8 @@ from wil_campaign.vehicles.embedded.physics.config import (
     EmbeddedConfig,
     EventListener,
 )
-from wil_campaign.vehicles.embedded.physics.mocap_feed import MotionCaptureFeed
+from wil_campaign.vehicles.embedded.physics.mocap_feed import NEVER, MotionCaptureFeed
+from wil_campaign.vehicles.embedded.physics.motion_kernel import NO_LAW
 from wil_campaign.vehicles.links.link import Link
 from wil_campaign.vehicles.mavlink.codec import Codec
 from wil_campaign.vehicles.poses.truth import STOPPED, Thrusts, TruthSample
@@ -81,6 +82,8 @@ class EmbeddedVehicle:
             rng=np.random.default_rng([seed, 1]),
         )
         self._truth_callbacks: list[tuple[int, TruthCallback]] = []
+        self._sample_step = 0
+        """The next step of which somebody takes a sample."""
         self._thrusts: Thrusts = STOPPED
         self._drift = 1.0 + config.profile.clock.drift_ppm * 1e-6
         self._t0_s = 0.0
@@ -115,10 +118,12 @@ class EmbeddedVehicle:
     def on_truth(self, callback: TruthCallback, rate_hz: float) -> None:
         """Call `callback` with the vehicle's truth; rate_hz: 250 Hz or an integer fraction."""
         self._truth_callbacks.append((max(1, round(PHYSICS_HZ / rate_hz)), callback))
+        self._sample_step = 0
 
     def on_mocap(self, callback: MocapCallback) -> None:
         """Call `callback` with the vehicle's motion capture, faults included."""
-        self._mocap.add(callback)
+        self._mocap.add(callback, step=self._steps)
+        self._sample_step = 0
 
     def on_fault(self, callback: Callable[[], None]) -> None:
         """Call `callback` when the vehicle's physics fails."""
@@ -220,28 +225,32 @@ class EmbeddedVehicle:
         )
 
     def _step(self) -> None:
-        self._steps += 1
-        steps, body = self._steps, self._body
-        t_s = self._step_s(steps)
-        estimate = body.step(self._thrusts, t_s)
+        self._steps = steps = self._steps + 1
+        body, autopilot = self._body, self._autopilot
+        t_s = self._t0_s + steps / PHYSICS_HZ
+        turn = steps % _TURN_STEPS == 0
+        # In a turn the autopilot may change how it flies, by the estimate of this step.
+        body.step(self._thrusts, t_s, NO_LAW if turn else autopilot.flight.outer_steps())
         if body.contact is not None and not self._struck:
             self._struck = True
-            self._autopilot.strike(body.contact)
-        self._thrusts = self._autopilot.step(
-            estimate,
-            (steps - self._boot_step) / PHYSICS_HZ * self._drift,
-            touching=body.touching,
-            charge=body.battery.charge,
-            turn=steps % _TURN_STEPS == 0,
-        )
+            autopilot.strike(body.contact)
+        clock_s = (steps - self._boot_step) / PHYSICS_HZ * self._drift
+        self._thrusts = autopilot.step(clock_s, turn=turn)
+        if steps >= self._sample_step:
+            self._give_samples(steps, t_s)
+
+    def _give_samples(self, steps: int, t_s: float) -> None:
+        """Give the samples of this step, and find the next step that has one."""
+        sample, mocap, next_step = self._body.sample(t_s), self._mocap, NEVER
         for every, callback in self._truth_callbacks:
-            if steps % every == 0:
-                # An error of a listener must not stop the vehicle.
-                sample = body.sample(t_s)
-                with _LISTENER:
+            past = steps % every
+            if past == 0:
+                with _LISTENER:  # its error must not stop the vehicle
                     callback(sample)
-        if self._mocap.is_due(steps):
-            self._mocap.receive(body.sample(t_s))
+            next_step = min(next_step, steps - past + every)
+        if mocap.next_step == steps:
+            mocap.receive(sample)
+        self._sample_step = min(next_step, mocap.next_step)
 
     def _on_bytes(self, data: bytes, t_s: float) -> None:
         if self._muted or not self._alive:
@@ -299,12 +308,11 @@ def build_autopilot(config: EmbeddedConfig, body: Body) -> EmulatedAutopilot:
         identity=identity,
         airframe=config.airframe,
         dt_s=1.0 / PHYSICS_HZ,
-        charge=body.battery.charge,
+        body=body,
         overrides=config.parameters,
         full_streams=config.full_streams,
     )
     autopilot = emulations()[config.autopilot](aircraft)
-    autopilot.fly(body)
     autopilot.state.clock_offset_s = config.profile.clock.boot_offset_s
     if config.boot_unix_us is not None:
         autopilot.state.gps_unix_offset_us = config.boot_unix_us - autopilot.state.boot_us

@@ -19,7 +19,8 @@ class _Layout(NamedTuple):
     """The payload layout of a MAVLink message of numbers, for the codec.
 
     values: returns its fields in payload order. lengths: index and length of each array among them,
-    last first. order: the payload index of each constructor argument.
+    last first. order: the payload index of each constructor argument. frame: the payload after the
+    header, of which number is the message's id, as its low 16 bits and the rest.
     """
 
     make: Callable[..., Any]
@@ -27,7 +28,8 @@ class _Layout(NamedTuple):
     lengths: tuple[tuple[int, int], ...]
     order: tuple[int, ...]
     payload: struct.Struct
-    message_id: int
+    frame: struct.Struct
+    number: tuple[int, int]
     crc_extra: bytes
 
 
@@ -80,36 +82,33 @@ class Codec:
 
     def pack(self, message: Any) -> bytes:
         """Return the MAVLink frame of a message, with the next sequence number."""
-        layout = _layout(message.__class__)
+        mav, layout = self._mav, _layout(message.__class__)
         if layout is None:
-            raw = bytes(message.pack(self._mav))
+            raw = bytes(message.pack(mav))
         else:
-            raw = self._pack_numbers(message, layout)
+            # Like pymavlink's pack, in a quarter of its time.
+            values = layout.values(message)
+            if layout.lengths:
+                values = _flat(values, layout.lengths)
+            body = layout.frame.pack(
+                layout.payload.size, 0, 0, mav.seq, mav.srcSystem, mav.srcComponent,
+                *layout.number, *values,
+            )  # fmt: skip
+            if body[-1] == 0:
+                end = max(len(body.rstrip(b"\0")), _HEADER.size + 1)
+                body = bytes((end - _HEADER.size,)) + body[1:end]
+            raw = _START_V2 + body + checksum(body, layout.crc_extra).to_bytes(2, "little")
         # pymavlink counts only in its own send(), which writes to a file.
-        self._mav.seq = (self._mav.seq + 1) % 256
+        mav.seq = (mav.seq + 1) % 256
         return raw
 
-    def _pack_numbers(self, message: Any, layout: _Layout) -> bytes:
-        # Like pymavlink's pack, in a third of its time, which is half of the cost of a setpoint.
-        _, fields, lengths, _, form, number, extra = layout
-        values = fields(message)
-        payload = form.pack(*(_flat(values, lengths) if lengths else values))
-        payload = payload.rstrip(b"\0") or b"\0"
-        mav = self._mav
-        header = _HEADER.pack(
-            len(payload), 0, 0, mav.seq, mav.srcSystem, mav.srcComponent,
-            number & 0xFFFF, number >> 16,
-        )  # fmt: skip
-        body = header + payload
-        return _START_V2 + body + checksum(body, extra).to_bytes(2, "little")
 
-
-def _flat(values: tuple[Any, ...], lengths: tuple[tuple[int, int], ...]) -> list[float]:
+def _flat(values: tuple[Any, ...], lengths: tuple[tuple[int, int], ...]) -> tuple[Any, ...]:
     """Return a message's values with arrays flattened, to pack them."""
     flat = list(values)
     for place, length in lengths:
         flat[place : place + 1] = values[place][:length]
-    return flat
+    return tuple(flat)
 
 
 def _decode_plain(frame: Frame, layout: _Layout) -> Any:
@@ -138,6 +137,7 @@ def _layout(kind: Any) -> _Layout | None:
         ],
         order=tuple(kind.orders),
         payload=kind.unpacker,
-        message_id=kind.id,
+        frame=struct.Struct(_HEADER.format + kind.unpacker.format.lstrip("<")),
+        number=(kind.id & 0xFFFF, kind.id >> 16),
         crc_extra=bytes([kind.crc_extra]),
     )

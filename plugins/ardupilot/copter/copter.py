@@ -26,7 +26,6 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     on_message,
 )
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, INFO
-from wil_campaign.vehicles.embedded.physics.body import Body
 
 _IN_FLIGHT_YAW_HEIGHT_M = 2.5
 """EKF3 aligns its yaw in flight above this height (EKF3_MAG_FINAL_RESET_ALT)."""
@@ -48,6 +47,8 @@ class ArduCopter(CopterGuided):
         self._yaw_aligned = False
         self._on_ground = True
         self._sink_m_s = 0.0
+        body, parameters = aircraft.body, self.parameters
+        body.blown_by(lambda: simulated_wind(parameters, lambda: -body.truth.position_ned_m[2]))
 
     # Messages.
 
@@ -104,12 +105,6 @@ class ArduCopter(CopterGuided):
         return ACCEPTED
 
     # Flying.
-
-    def fly(self, body: Body) -> None:
-        """Fly a body, in SITL's own wind."""
-        super().fly(body)
-        parameters = self.parameters
-        body.blown_by(lambda: simulated_wind(parameters, lambda: -body.truth.position_ned_m[2]))
 
     def choose(self, mode: CopterMode) -> int:
         """Switch ArduCopter to the user's mode if it can run; AUTO needs a mission."""

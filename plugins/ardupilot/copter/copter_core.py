@@ -44,6 +44,7 @@ from wil_campaign.vehicles.embedded.control.law import LawKind
 
 LAW = LawKind(
     copter_kernel.step,
+    copter_kernel.advance,
     copter_kernel.GAINS,
     copter_kernel.DEGREES,
     copter_kernel.HUNDREDTHS,

@@ -18,6 +18,12 @@ from wil_campaign.vehicles.embedded.control.kernels import (
     shape_vertical,
     wrap,
 )
+from wil_campaign.vehicles.embedded.physics.motion_kernel import (
+    FINITE,
+    FLOWN,
+    WRECKED,
+    read_and_estimate,
+)
 from wil_campaign.worlds.jit import F64, Float, Int, compiled
 
 GAINS = (
@@ -73,9 +79,10 @@ HUNDREDTHS = ("WPNAV_ACCEL", "WPNAV_ACCEL_Z", *_ANGLES)
 
 
 @compiled
-def step(law: F64, m: F64, dt: float, outer: int) -> Int:
-    """Advance ArduCopter's law by dt; its position part by `outer` steps, not at all for 0."""
+def step(law: F64, m: F64, outer: int) -> Int:
+    """Advance ArduCopter's law by a step; its position part by `outer` steps, not at all for 0."""
     s, g, body, t, out = law[0:48], law[48:84], law[84:94], law[94:106], law[106:110]
+    dt = law[110]
     if s[37] == 0.0:
         for i in range(6):
             s[i] = m[i]
@@ -85,6 +92,16 @@ def step(law: F64, m: F64, dt: float, outer: int) -> Int:
         _position(s, g, m, t, dt * outer)
     _attitude(s, g, body, m, t, dt, out)
     return 0
+
+
+@compiled
+def advance(body: F64, late: F64, number: int, outer: int) -> Int:
+    """Set a body's true motion and estimate, as `read_and_estimate`; then run the law, if any."""
+    bits = read_and_estimate(body, late, number, outer)
+    if outer >= 0 and bits & (FINITE | WRECKED) == FINITE:
+        step(body[57:168], body[42:57], outer)
+        bits |= FLOWN
+    return bits
 
 
 @compiled

@@ -68,14 +68,12 @@ def global_position_int(s: State) -> Any:
     return telemetry.global_position_int(s)
 
 
-def sim_state(s: State) -> Any | None:
-    """Return ArduCopter's SIM_STATE, as SIM::sim_state_send fills it; None without a simulator.
+def sim_state(s: State) -> Any:
+    """Return ArduCopter's SIM_STATE, as SIM::sim_state_send fills it.
 
     Its Location holds whole 1e-7 degrees and centimetres.
     """
     truth = s.truth
-    if truth is None:
-        return None
     north_m, east_m, down_m = truth.position_ned_m
     projection = ArduPilotProjection(s.frame.latitude_deg, s.frame.longitude_deg)
     latitude_deg, longitude_deg = projection.to_degrees(north_m, east_m)

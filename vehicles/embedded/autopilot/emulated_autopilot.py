@@ -40,11 +40,9 @@ from wil_campaign.vehicles.embedded.autopilot.services.outbox import INFO, Outbo
 from wil_campaign.vehicles.embedded.autopilot.services.parameter_service import ParameterService
 from wil_campaign.vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
-from wil_campaign.vehicles.embedded.physics.battery import Charge
 from wil_campaign.vehicles.embedded.physics.body import Body
 from wil_campaign.vehicles.mavlink.fence_areas import FenceItemError
 from wil_campaign.vehicles.poses.truth import Thrusts
-from wil_campaign.worlds.jit import F64
 
 COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
 _EARLIEST_UNIX_US, _LATEST_UNIX_US = 1_230_768_000_000_000, 1 << 62
@@ -60,12 +58,13 @@ class Aircraft:
     """What an emulated autopilot flies. overrides: of its parameters. dt_s: of a physics step.
 
     full_streams: whether it sends all streams of the firmware, not only those that a run needs.
+    body: its simulator's ground truth is the autopilot's, and its step runs the law.
     """
 
     identity: Identity
     airframe: Airframe
     dt_s: float
-    charge: Charge
+    body: Body
     overrides: Mapping[str, float]
     full_streams: bool = False
 
@@ -121,10 +120,22 @@ class EmulatedAutopilot(ABC):
         firmware = self.firmware
         airframe, dt_s = aircraft.airframe, aircraft.dt_s
         self.parameters = parameters
+        self._body = body = aircraft.body
         self.state = State(
-            frame=identity.origin, charge=aircraft.charge, max_thrust_n=airframe.max_thrust_n
+            frame=identity.origin,
+            charge=body.battery.charge,
+            estimate=body.estimate,
+            simulator=lambda: body.truth,
+            max_thrust_n=airframe.max_thrust_n,
         )
-        self.flight = Flight(style=self.style, airframe=airframe, dt_s=dt_s, parameters=parameters)
+        self.flight = Flight(
+            style=self.style,
+            airframe=airframe,
+            dt_s=dt_s,
+            parameters=parameters,
+            law_array=body.law_array,
+        )
+        body.flown_by(self.style.law.advance)
         self.streams = StreamIntervals(rates_hz, shortest_s=dt_s)
         self.outbox = Outbox(count_all=firmware.numbers_texts)
         self.fence = EmulatedFence()
@@ -158,10 +169,6 @@ class EmulatedAutopilot(ABC):
         """When a ground station's heartbeat was last received."""
 
     # What differs between the autopilots.
-
-    def fly(self, body: Body) -> None:
-        """Fly a body: its simulator's ground truth is the body's."""
-        self.state.simulator = lambda: body.truth
 
     @abstractmethod
     def supervise(self) -> None:
@@ -223,15 +230,13 @@ class EmulatedAutopilot(ABC):
             getattr(self, name)(message)
             self.outbox.release()
 
-    def step(
-        self, estimate: F64, clock_s: float, *, touching: bool, charge: Charge, turn: bool
-    ) -> Thrusts:
-        """Return the thrusts for this estimate (a motion array); `turn` marks every 20 ms."""
-        state = self.state
-        state.take(estimate)
+    def step(self, clock_s: float, *, turn: bool) -> Thrusts:
+        """Return the thrusts after a step of the body; `turn` marks every 20 ms."""
+        state, body = self.state, self._body
+        state.known = None
         state.clock_s = clock_s
-        state.touching = touching
-        state.charge = charge
+        state.touching = body.touching
+        state.charge = body.battery.charge
         if turn:
             if self.parameters.changes != self._configured:
                 self._configured = self.parameters.changes
@@ -243,7 +248,7 @@ class EmulatedAutopilot(ABC):
             for message in self._parameter_server.due():
                 self.outbox.send(message)
             self.outbox.turn(send_texts=self._sends_texts())
-        thrusts = state.thrusts = self.flight.step(state, touching=touching)
+        thrusts = state.thrusts = self.flight.step(state, flown=body.flown)
         state.target = self.flight.target
         if clock_s >= self.streams.next_due_s:
             for message_id in self.streams.due(clock_s):

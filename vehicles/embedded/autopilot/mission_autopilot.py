@@ -66,9 +66,11 @@ class MissionAutopilot(FlyingAutopilot[Mode], Generic[Mode]):
 
     def _watch_mission(self) -> None:
         """Mark the current item as reached when the mission has landed."""
-        mission, flight = self._flown_mission, self.flight
-        if mission is not None and flight.landed and flight.landed_at_s is not None:
-            mission.receive_landing()
+        flight = self.flight
+        if flight.landed and flight.landed_at_s is not None:
+            mission = self._flown_mission
+            if mission is not None:
+                mission.receive_landing()
 
     def begin_item(self, seq: int) -> None:
         """Note that the autopilot now flies this mission item."""

@@ -9,12 +9,12 @@ import math
 from wil_campaign.worlds.jit import F64, Float, Int, inlined
 
 GRAVITY_M_S2 = 9.80665
-STATE, GAINS, AIRFRAME, TARGET, THRUSTS = (
-    slice(0, 48), slice(48, 84), slice(84, 94), slice(94, 106), slice(106, 110)
+STATE, GAINS, AIRFRAME, TARGET, THRUSTS, STEP_S = (
+    slice(0, 48), slice(48, 84), slice(84, 94), slice(94, 106), slice(106, 110), 110
 )  # fmt: skip
 """Places in a law array, which holds all that a step of a law reads and sets but the motion, so
-that Python passes one array: `s`, `g`, `body`, `t` and `out` of the kernels are views of it."""
-LAW_NUMBERS = 110
+that Python passes one array: `s`, `g`, `body`, `t`, `out` and `dt` of the kernels are of it."""
+LAW_NUMBERS = 111
 
 
 @inlined

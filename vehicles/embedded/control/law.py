@@ -1,6 +1,7 @@
 """A firmware's control law: its gains by parameters, its state, and its compiled step."""
 
 import math
+import struct
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
@@ -12,11 +13,13 @@ from wil_campaign.vehicles.embedded.control.kernels import (
     GAINS,
     LAW_NUMBERS,
     STATE,
+    STEP_S,
     TARGET,
     THRUSTS,
 )
 from wil_campaign.vehicles.embedded.control.target import Target
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.vehicles.embedded.physics.motion_kernel import NO_LAW, Advance
 from wil_campaign.vehicles.poses.truth import Thrusts
 from wil_campaign.worlds.frames import Vec3
 from wil_campaign.worlds.jit import F64, direct
@@ -24,6 +27,8 @@ from wil_campaign.worlds.jit import F64, direct
 _OUTER_STEPS = 2
 """The position part runs every second step, 125 Hz."""
 _HEADING = 9
+_TARGET = struct.Struct("12d")
+"""Packed into an array, in a quarter of the time of an assignment."""
 _MAX_GAIN, _MIN_DIVISOR = 1e4, 1e-3
 _DIVISORS = frozenset({"MPC_XY_VEL_P_ACC", "MOT_THST_HOVER", "WPNAV_ACCEL", "WPNAV_ACCEL_Z"})
 """Gains by which a law divides."""
@@ -41,14 +46,17 @@ class Gains(Protocol):
 
 
 class LawKind(NamedTuple):
-    """A firmware's law. authority_rad_s2: angular acceleration per normalised torque, per axis.
+    """A firmware's law: its step, and the step of a body that it flies (kernels), its gains.
+
+    authority_rad_s2: angular acceleration per normalised torque, per axis.
 
     The rate gains act on normalised torque, and `authority_rad_s2` is that of the body in the
     firmware's own simulator. Another airframe is assumed to be tuned: it has the same authority,
     in roll and pitch limited to what its motors' lag allows at `rate_gain`, the default rate gain.
     """
 
-    step: Callable[[F64, F64, float, int], int]
+    step: Callable[[F64, F64, int], int]
+    advance: Advance
     gains: tuple[str, ...]
     degrees: tuple[str, ...]
     hundredths: tuple[str, ...]
@@ -64,6 +72,7 @@ class LawKind(NamedTuple):
 
 PX4 = LawKind(
     px4_kernel.step,
+    px4_kernel.advance,
     px4_kernel.GAINS,
     px4_kernel.DEGREES,
     (),
@@ -75,16 +84,27 @@ PX4 = LawKind(
 
 
 class ControlLaw:
-    """A firmware's control law: from estimate and target to the thrusts of four motors."""
+    """A firmware's control law: from estimate and target to the thrusts of four motors.
+
+    array: the law's part of the array of the body that it flies; an own one by default.
+    """
 
     def __init__(
-        self, *, kind: LawKind, airframe: Airframe, dt_s: float, parameters: Gains
+        self,
+        *,
+        kind: LawKind,
+        airframe: Airframe,
+        dt_s: float,
+        parameters: Gains,
+        array: F64 | None = None,
     ) -> None:
         self._kind = kind
         self._step = direct(kind.step)
-        self._dt_s = dt_s
-        self._array = array = np.zeros(LAW_NUMBERS)
-        self._state, self._gains, self._target = array[STATE], array[GAINS], array[TARGET]
+        self._array = array = np.zeros(LAW_NUMBERS) if array is None else array
+        array[:] = 0.0
+        array[STEP_S] = dt_s
+        self._state, self._gains = array[STATE], array[GAINS]
+        self._target = array[TARGET].data.cast("B")
         self._thrusts = array[THRUSTS]
         array[AIRFRAME] = (
             airframe.mass_kg,
@@ -128,22 +148,32 @@ class ControlLaw:
         self._state[_HEADING] = yaw_rad
         self.takes_target = True
 
-    def run(self, now: F64, target: Target) -> Thrusts:
-        """Return the law's thrusts of this step; `now` is the estimate's motion array."""
-        outer = 0
-        if self.takes_target:
-            outer = _OUTER_STEPS
-            if target is not self._last_target:
+    def outer_steps(self, target: Target | None) -> int:
+        """Return the outer steps of the law's next step; NO_LAW where this target is new to it."""
+        if not self.takes_target:
+            return 0
+        return _OUTER_STEPS if target is not None and target is self._last_target else NO_LAW
+
+    def run(self, now: F64, target: Target, *, flown: bool = False) -> Thrusts:
+        """Return the law's thrusts of this step; `now` is the estimate's motion array.
+
+        flown: the step of the body has run the law already.
+        """
+        takes_target = self.takes_target
+        self.takes_target = not takes_target
+        if not flown:
+            if takes_target and target is not self._last_target:
                 self._set_target(target)
-        self.takes_target = outer == 0
-        self._step(self._array, now, self._dt_s, outer)
+            self._step(self._array, now, _OUTER_STEPS if takes_target else 0)
         a, b, c, d = self._thrusts.tolist()
         return (a, b, c, d)
 
     def _set_target(self, target: Target) -> None:
         (n, e, d), velocity, yaw_rad, rate_rad_s, speeds, direct = target
         self._last_target, nan = target, math.nan
-        self._target[:] = (
+        _TARGET.pack_into(
+            self._target,
+            0,
             nan if n is None or e is None else n,
             nan if n is None or e is None else e,
             nan if d is None else d,

@@ -17,6 +17,12 @@ from wil_campaign.vehicles.embedded.control.kernels import (
     shape_vertical,
     wrap,
 )
+from wil_campaign.vehicles.embedded.physics.motion_kernel import (
+    FINITE,
+    FLOWN,
+    WRECKED,
+    read_and_estimate,
+)
 from wil_campaign.worlds.jit import F64, Int, compiled
 
 GAINS = (
@@ -76,13 +82,24 @@ _LEAST_W_N_RAD_S = 1.0
 
 
 @compiled
-def step(law: F64, m: F64, dt: float, outer: int) -> Int:
-    """Advance PX4's law by dt; its position part by `outer` steps, not at all for 0."""
+def step(law: F64, m: F64, outer: int) -> Int:
+    """Advance PX4's law by a step; its position part by `outer` steps, not at all for 0."""
     s, g, body, t, out = law[0:48], law[48:84], law[84:94], law[94:106], law[106:110]
+    dt = law[110]
     if outer > 0:
         _position(s, g, m, t, dt * outer)
     _attitude(s, g, body, m, dt, out)
     return 0
+
+
+@compiled
+def advance(body: F64, late: F64, number: int, outer: int) -> Int:
+    """Set a body's true motion and estimate, as `read_and_estimate`; then run the law, if any."""
+    bits = read_and_estimate(body, late, number, outer)
+    if outer >= 0 and bits & (FINITE | WRECKED) == FINITE:
+        step(body[57:168], body[42:57], outer)
+        bits |= FLOWN
+    return bits
 
 
 @compiled

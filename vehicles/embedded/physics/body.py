@@ -9,13 +9,21 @@ from wil_campaign.vehicles.embedded.physics.battery import Battery
 from wil_campaign.vehicles.embedded.physics.compiled_plant import CompiledPlant
 from wil_campaign.vehicles.embedded.physics.config import ContactWorld, EmbeddedConfig
 from wil_campaign.vehicles.embedded.physics.estimator import Estimator
-from wil_campaign.vehicles.embedded.physics.motion_kernel import NEAR_GROUND, TRUTH, WRECKED
+from wil_campaign.vehicles.embedded.physics.motion_kernel import (
+    ESTIMATE,
+    FLOWN,
+    LAW,
+    NEAR_GROUND,
+    NO_LAW,
+    TRUTH,
+    WRECKED,
+    Advance,
+)
 from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
 from wil_campaign.vehicles.embedded.physics.plant import JsbsimPlant
 from wil_campaign.vehicles.embedded.physics.states import Motion, motion_of
 from wil_campaign.vehicles.poses.truth import STOPPED, Thrusts, TruthSample
 from wil_campaign.worlds.frames import Pose, Vec3, add, quat_from_euler, rotate
-from wil_campaign.worlds.jit import F64
 
 PHYSICS_HZ = 250
 _AIR_HZ = 25
@@ -68,6 +76,10 @@ class Body:
         self._steps = 0
         self._resting_steps = 0
         self._wrecked = False
+        self.estimate, self.law_array = array[ESTIMATE], array[LAW]
+        """The estimate's motion array, and the array of the control law that flies the body."""
+        self.flown = False
+        """Whether the last step has run the law."""
         self._motion = array[TRUTH]
         self._motion[:] = [number for vector in self._plant.motion() for number in vector]
         self._truth: Motion | None = None
@@ -84,33 +96,40 @@ class Body:
             truth = self._truth = motion_of(self._motion)
         return truth
 
-    def step(self, thrusts: Thrusts, t_s: float) -> F64:
-        """Advance the body one step with these commands; return the new estimate's array."""
+    def step(self, thrusts: Thrusts, t_s: float, outer: int = NO_LAW) -> None:
+        """Advance the body and its estimate one step with these commands.
+
+        outer: with how many outer steps the law is run in the same call, see `flown`.
+        """
         if self.contact is not None:
             thrusts = STOPPED
         self.motors_stopped = thrusts == STOPPED
-        self._steps += 1
-        if self._steps % (PHYSICS_HZ // _AIR_HZ) == 0:
+        if not self.motors_stopped:
+            self._resting_steps = 0
+        self._steps = steps = self._steps + 1
+        if steps % (PHYSICS_HZ // _AIR_HZ) == 0:
             self.battery.drain(sum(thrusts), 1.0 / _AIR_HZ)
             self._blow()
-        estimator = self._estimator
-        if self._is_resting():
-            estimate = estimator.estimate(self._motion)
+        if self.motors_stopped and self._is_resting():
+            self._estimator.estimate(self._motion)
+            self.flown = False
         else:
-            factor, plant = self.battery.thrust_factor, self._plant
-            a, b, c, d = thrusts
-            plant.step((a * factor, b * factor, c * factor, d * factor))
-            bits = estimator.read()
+            plant = self._plant
+            plant.step(thrusts, self.battery.thrust_factor)
+            bits = self._estimator.read(outer)
             if not bits:
                 raise plant.divergence()
-            estimate = estimator.present
             self._pose = self._truth = None
-            self.touching = bool(bits & NEAR_GROUND) and plant.on_ground()
+            self.flown = bits & FLOWN != 0
+            self.touching = bits & NEAR_GROUND != 0 and plant.on_ground()
             if bits & WRECKED:
                 self._wreck()
-        if self._steps % (PHYSICS_HZ // _CONTACT_HZ) == 0:
+        if steps % (PHYSICS_HZ // _CONTACT_HZ) == 0:
             self._check_contact(t_s)
-        return estimate
+
+    def flown_by(self, law: Advance) -> None:
+        """Run a control law with a step, where the step is asked to."""
+        self._estimator.advance_by(law)
 
     def pose(self) -> Pose:
         """Return the body's true pose in the world's local frame."""
@@ -160,13 +179,13 @@ class Body:
         return rotate(self._turn, vector) if self._turn_rad else vector
 
     def _is_resting(self) -> bool:
-        """Return whether the body rests: motors stopped, on its legs, still for a while.
+        """Return whether the body, its motors stopped, rests: on its legs, still for a while.
 
         The physics of a vehicle at rest is skipped; getting ready may take 40 s.
         """
         if self._wrecked:
             return True
-        if not (self.motors_stopped and self.touching):
+        if not self.touching:
             self._resting_steps = 0
             return False
         if self._resting_steps < PHYSICS_HZ:

@@ -44,10 +44,10 @@ class CompiledPlant(Plant):
         self._fly = direct(rigid_kernel.fly)
         self._settle(self._dt_s)
 
-    def step(self, thrusts: Thrusts) -> None:
-        """Advance the plant by one step with these commands, in newtons per motor."""
+    def step(self, thrusts: Thrusts, share: float = 1.0) -> None:
+        """Advance the plant by one step with a share of these commands, in newtons per motor."""
         (a, b, c, d), (fa, fb, fc, fd) = thrusts, self._factors
-        commands = (a * fa, b * fb, c * fc, d * fd)
+        commands = (a * share * fa, b * share * fb, c * share * fc, d * share * fd)
         self._fly(self._state, self._constants, commands, self._dt_s, self._raw)
 
     def thrusts(self) -> Thrusts:

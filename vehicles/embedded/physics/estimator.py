@@ -5,6 +5,8 @@ import numpy as np
 from wil_campaign.vehicles.embedded.physics.motion_kernel import (
     ERRORS,
     ESTIMATE,
+    NO_LAW,
+    Advance,
     estimate,
     read_and_estimate,
 )
@@ -58,7 +60,7 @@ class Estimator:
         self._late = np.zeros((1 + round(noise.delay_s * rate_hz), 6))
         self._every = rate_hz // _ERRORS_HZ
         self._steps = 0
-        self._read = direct(read_and_estimate)
+        self._advance: Advance = direct(read_and_estimate)
         self._body, self._errors, self.present = body, body[ERRORS], body[ESTIMATE]
         """The present estimate: the same array at each step."""
 
@@ -70,17 +72,21 @@ class Estimator:
         self._steps += 1
         return self.present
 
-    def read(self) -> int:
+    def advance_by(self, kernel: Advance) -> None:
+        """Let `read` run the control law that is part of a kernel."""
+        self._advance = direct(kernel)
+
+    def read(self, outer: int = NO_LAW) -> int:
         """Set the true motion from the plant's numbers, and `present` to its estimate, one step on.
 
-        Returns the bits of `motion_kernel.read`; 0 when a number is not finite.
+        outer: the law's outer steps. Returns the bits of `motion_kernel.read`, and FLOWN when the
+        law was run; 0 when a number is not finite.
         """
         steps = self._steps
         if steps % self._every == 0:
             self._advance_errors()
         self._steps = steps + 1
-        bits: int = self._read(self._body, self._late, steps)
-        return bits
+        return self._advance(self._body, self._late, steps, outer)
 
     def _advance_errors(self) -> None:
         """Advance the estimator's errors."""

@@ -1,6 +1,7 @@
 """The emulated motion capture: the true pose with white noise, sampled at its rate and delayed."""
 
 import math
+import sys
 from collections import deque
 from collections.abc import Callable
 
@@ -13,6 +14,7 @@ from wil_campaign.vehicles.readings import PoseReading, Source
 from wil_campaign.worlds.frames import Pose, quat_from_euler, quat_multiply
 
 _LISTENER = Contained("a listener to motion capture")
+NEVER = sys.maxsize
 _BLOCK = 128
 """Number of samples whose noise is drawn at once: drawing single samples is slow."""
 
@@ -30,25 +32,28 @@ class MotionCaptureFeed:
         self._normals: list[list[float]] = []
         self._in_transit: deque[tuple[float, TruthSample, Pose]] = deque()
         self._callbacks: list[Callable[[PoseReading], None]] = []
+        self.next_step = NEVER
+        """The next physics step that motion capture samples; NEVER without receivers."""
         across, down = noise.position_sigma_m
         angle_rad = math.radians(noise.attitude_sigma_deg)
         self._sigma = (across, across, down, angle_rad, angle_rad, angle_rad)
         self._noisy = any(self._sigma)
 
-    def add(self, callback: Callable[[PoseReading], None]) -> None:
-        """Add a receiver of the motion capture feed."""
+    def add(self, callback: Callable[[PoseReading], None], *, step: int = 0) -> None:
+        """Add a receiver of the motion capture feed at a physics step."""
         self._callbacks.append(callback)
+        self._seek(step)
 
-    def is_due(self, step: int) -> bool:
-        """Return whether motion capture samples this physics step."""
-        if not self._callbacks:
-            return False
+    def _seek(self, step: int) -> None:
+        """Set the next step to the first one after `step` that motion capture samples."""
         # Integers: the k-th sample is taken at the first step not before k / rate.
         rate_hz, physics_hz = self._noise.rate_hz, self._physics_hz
-        return step * rate_hz // physics_hz != (step - 1) * rate_hz // physics_hz
+        number = step * rate_hz // physics_hz + 1
+        self.next_step = -(-number * physics_hz // rate_hz)
 
     def receive(self, truth: TruthSample) -> None:
-        """Sample the vehicle's true pose for motion capture."""
+        """Sample the vehicle's true pose, of the next step, for motion capture."""
+        self._seek(self.next_step)
         pose = truth.pose
         if self._noisy:
             if not self._normals:

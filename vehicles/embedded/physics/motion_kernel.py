@@ -1,25 +1,30 @@
-"""Compiled kernels: the body's motion from JSBSim's numbers, and its estimate.
+"""Compiled kernels: the body's motion from JSBSim's numbers, its estimate, and samples of it.
 
 A motion array holds position (NED, m), velocity (m/s), Euler angles (rad), body rates (rad/s) and
 specific force (body, m/s2), three values each, as `Motion` does.
 
-A body array holds all that a step of a body reads and sets (views of it: RAW and on), so that
+A body array holds all that a step of a vehicle reads and sets (views of it: RAW and on), so that
 Python passes one array to the kernel: each takes as long as the arithmetic of a step.
 """
 
 import math
+from collections.abc import Callable
 
 from wil_campaign.worlds.jit import F64, Float, Int, compiled, inlined
 
 NUMBERS = 15
-RAW, ZERO, TRUTH, ERRORS, ESTIMATE = (
-    slice(0, 15), slice(15, 18), slice(18, 33), slice(33, 42), slice(42, 57)
+RAW, ZERO, TRUTH, ERRORS, ESTIMATE, LAW = (
+    slice(0, 15), slice(15, 18), slice(18, 33), slice(33, 42), slice(42, 57), slice(57, 168)
 )  # fmt: skip
 """Places in a body array: the plant's numbers, its origin, the true motion, the estimate's errors
-(of position, velocity, angles), the estimate's motion array."""
-BODY_NUMBERS = 57
-FINITE, NEAR_GROUND, WRECKED = 1, 2, 4
-"""Bits of the result of `read`."""
+(of position, velocity, angles), the estimate's motion array, the array of the control law."""
+BODY_NUMBERS = 168
+FINITE, NEAR_GROUND, WRECKED, FLOWN = 1, 2, 4, 8
+"""Bits of the result of `read`, and of a law's `advance`: the law was run."""
+NO_LAW = -1
+"""In place of the law's `outer` steps: it is not run."""
+Advance = Callable[[F64, F64, int, int], int]
+"""`read_and_estimate`, or the kernel of a law that runs the law after it."""
 
 _METRES_PER_FOOT = 0.3048
 _NEAR_M = 0.5
@@ -86,8 +91,8 @@ def estimate(truth: F64, errors: F64, late: F64, step: int, out: F64) -> Int:
 
 
 @compiled
-def read_and_estimate(body: F64, late: F64, step: int) -> Int:
-    """Call `read`, then `estimate`, on a body array: one call from Python costs half of two."""
+def read_and_estimate(body: F64, late: F64, step: int, outer: int) -> Int:  # noqa: ARG001
+    """Call `read`, then `estimate`, on a body array that no law flies: `outer` is not used."""
     truth = body[18:33]
     bits = read(body[0:15], body[15:18], truth)
     if bits != 0:

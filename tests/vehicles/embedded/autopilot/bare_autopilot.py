@@ -11,7 +11,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.embedded.physics.body import Body
 from wil_campaign.vehicles.embedded.physics.config import EmbeddedConfig
-from wil_campaign.vehicles.embedded.physics.motion_kernel import NUMBERS
 from wil_campaign.vehicles.embedded.vehicle import build_autopilot
 from wil_campaign.vehicles.mavlink.codec import Codec
 
@@ -26,10 +25,10 @@ class BareAutopilot:
         settings = EmbeddedConfig(autopilot=autopilot, **config)
         body = Body(config=settings, seed=1, contact_world=None)
         self.altitude_m = settings.altitude_m
-        self.charge = body.battery.charge
         self.autopilot = build_autopilot(settings, body)
-        self.estimate = np.zeros(NUMBERS)
+        self.estimate = body.estimate
         self.estimate[14] = -9.80665
+        self._body = body
         self.t_s = 0.0
         self._client = Codec(system_id=255, component_id=190)
         self._received = Codec(system_id=1, component_id=1)
@@ -49,10 +48,8 @@ class BareAutopilot:
         sent: list[Any] = []
         for _ in range(max(1, round(seconds / TURN_S))):
             self.t_s += TURN_S
-            touching = self.height_m < 0.05
-            thrusts = self.autopilot.step(
-                self.estimate, self.t_s, touching=touching, charge=self.charge, turn=True
-            )
+            self._body.touching = self.height_m < 0.05
+            thrusts = self.autopilot.step(self.t_s, turn=True)
             assert np.isfinite(thrusts).all(), thrusts
             sent += self._flush()
         return sent

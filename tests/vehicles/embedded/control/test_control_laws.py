@@ -18,6 +18,15 @@ from wil_campaign.vehicles.embedded.autopilot.px4.px4_core import Px4Core
 from wil_campaign.vehicles.embedded.control.law import PX4, ControlLaw, LawKind
 from wil_campaign.vehicles.embedded.control.target import Target
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.vehicles.embedded.physics.motion_kernel import (
+    BODY_NUMBERS,
+    ESTIMATE,
+    FLOWN,
+    LAW,
+    NO_LAW,
+    WRECKED,
+    read_and_estimate,
+)
 from wil_campaign.worlds.jit import F64
 
 AIRFRAME = Airframe()
@@ -251,3 +260,42 @@ def test_a_tilt_of_a_right_angle_or_more_is_the_largest_there_is(
         given, most = (law.run(now, Target((0.0, 0.0, -3.0), yaw_rad=1.0)) for law in laws)
         assert np.isfinite(given).all()
         assert given == most
+
+
+@BOTH
+def test_a_law_that_the_body_runs_gives_the_same_thrusts(kind: LawKind) -> None:
+    bodies, late = np.zeros((2, BODY_NUMBERS)), np.zeros((2, 4, 6))
+    by_body, alone = (
+        ControlLaw(
+            kind=kind,
+            airframe=AIRFRAME,
+            dt_s=STEP_S,
+            parameters=parameters(kind),
+            array=body[LAW],
+        )
+        for body in bodies
+    )
+    target = Target((1.0, -2.0, -3.0), yaw_rad=0.5, direct=True)
+    rng, ran = np.random.default_rng(1), 0
+    for number in range(50):
+        bodies[:, :15] = rng.standard_normal(15)
+        outer = by_body.outer_steps(target)
+        bits = kind.advance(bodies[0], late[0], number, outer)
+        read_and_estimate(bodies[1], late[1], number, NO_LAW)
+        flown = bits & FLOWN != 0
+        ran += flown
+        assert flown == (outer != NO_LAW and not bits & WRECKED)
+        thrusts = by_body.run(bodies[0, ESTIMATE], target, flown=flown)
+        assert thrusts == alone.run(bodies[1, ESTIMATE], target)
+        assert (bodies[0] == bodies[1]).all()
+    assert ran > 20
+
+
+@BOTH
+def test_a_body_that_lies_wrecked_runs_no_law(kind: LawKind) -> None:
+    body, late = np.zeros(BODY_NUMBERS), np.zeros((1, 6))
+    body[6] = math.pi  # upside down on the ground
+    assert kind.advance(body, late, 0, 0) & (WRECKED | FLOWN) == WRECKED
+    body[0] = math.nan
+    assert kind.advance(body, late, 0, 0) == 0
+    assert not body[LAW].any()

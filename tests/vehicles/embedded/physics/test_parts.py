@@ -17,7 +17,7 @@ from wil_campaign.vehicles.embedded.physics.airframe import Airframe, aircraft_r
 from wil_campaign.vehicles.embedded.physics.battery import Battery
 from wil_campaign.vehicles.embedded.physics.compiled_plant import CompiledPlant
 from wil_campaign.vehicles.embedded.physics.estimator import Estimator
-from wil_campaign.vehicles.embedded.physics.mocap_feed import MotionCaptureFeed
+from wil_campaign.vehicles.embedded.physics.mocap_feed import NEVER, MotionCaptureFeed
 from wil_campaign.vehicles.embedded.physics.motion_kernel import BODY_NUMBERS
 from wil_campaign.vehicles.embedded.physics.noise import GaussMarkov
 from wil_campaign.vehicles.embedded.physics.plant import JsbsimPlant, Plant, PlantError
@@ -414,6 +414,23 @@ def test_motion_capture_is_noisy_and_late() -> None:
     assert offsets.std(axis=0) == pytest.approx([0.001] * 3, rel=0.1)
     angles = [angle_between(pose.q_wxyz, r.pose.q_wxyz) for r in readings]
     assert np.mean(angles) == pytest.approx(math.radians(0.2) * 1.6, rel=0.1)
+
+
+@pytest.mark.parametrize("rate_hz", [1, 50, 120, 240, 250])
+def test_motion_capture_samples_the_first_step_not_before_each_time(rate_hz: int) -> None:
+    noise = CAGE.mocap.model_copy(update={"rate_hz": rate_hz})
+    feed = MotionCaptureFeed(
+        noise=noise, source="real", physics_hz=250, rng=np.random.default_rng(1)
+    )
+    assert feed.next_step == NEVER
+    feed.add(lambda _: None, step=7)
+    truth = TruthSample(0.0, Pose.of(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), False, False)
+    steps = []
+    while feed.next_step < 1000:
+        steps.append(feed.next_step)
+        feed.receive(truth)
+    times = [math.ceil(number * 250 / rate_hz) for number in range(1000 * rate_hz // 250 + 1)]
+    assert steps == [step for step in times if 7 < step < 1000]
 
 
 def test_the_battery_drains_sags_and_fades() -> None:

@@ -3,11 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from wil_campaign.vehicles.embedded.control.target import Target
 from wil_campaign.vehicles.embedded.physics.battery import Charge
-from wil_campaign.vehicles.embedded.physics.motion_kernel import NUMBERS
 from wil_campaign.vehicles.embedded.physics.states import Motion, motion_of
 from wil_campaign.vehicles.poses.truth import STOPPED, Thrusts
 from wil_campaign.worlds.frames import Vec3
@@ -34,6 +31,10 @@ class State:
 
     frame: LocalFrame
     charge: Charge
+    estimate: F64
+    """The estimate's motion array (see motion_kernel): the same one at each step."""
+    simulator: Callable[[], Motion]
+    """Returns the motion in the autopilot's simulator."""
     clock_s: float = 0.0
     clock_offset_s: float = 0.0
     """The transmitted clock minus the time since the autopilot's start."""
@@ -41,12 +42,8 @@ class State:
     """The time of day minus `boot_us`; None while unknown."""
     gps_unix_offset_us: int | None = None
     """The same by GPS, once its receiver has the time; None for a receiver without time."""
-    estimate: F64 = field(default_factory=lambda: np.zeros(NUMBERS))
-    """The estimate's motion array (see motion_kernel)."""
     known: Motion | None = None
-    """The cached `now`; None until it is read."""
-    simulator: Callable[[], Motion] | None = None
-    """Returns the motion in the autopilot's simulator; None without one."""
+    """The cached `now`; None from each step until it is read."""
     touching: bool = True
     home_ned_m: Vec3 | None = None
     target: Target | None = None
@@ -54,10 +51,6 @@ class State:
     max_thrust_n: float = 1.0
     mission_seq: int = 0
     mission_total: int = 0
-
-    def take(self, estimate: F64) -> None:
-        """Take the estimate of this step."""
-        self.estimate, self.known = estimate, None
 
     @property
     def now(self) -> Motion:
@@ -68,9 +61,9 @@ class State:
         return known
 
     @property
-    def truth(self) -> Motion | None:
-        """Return the motion in the simulator, for reports only; None without a simulator."""
-        return None if self.simulator is None else self.simulator()
+    def truth(self) -> Motion:
+        """Return the motion in the simulator, for reports only."""
+        return self.simulator()
 
     @property
     def boot_ms(self) -> int:

@@ -8,8 +8,10 @@ from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour
 from wil_campaign.vehicles.embedded.control.law import ControlLaw, Gains, LawKind
 from wil_campaign.vehicles.embedded.control.target import Target
 from wil_campaign.vehicles.embedded.physics.airframe import Airframe
+from wil_campaign.vehicles.embedded.physics.motion_kernel import NO_LAW
 from wil_campaign.vehicles.embedded.physics.states import Motion
 from wil_campaign.vehicles.poses.truth import STOPPED, Thrusts
+from wil_campaign.worlds.jit import F64
 
 _IDLE_SHARE = 0.08
 _LIFT_SHARE = 0.92
@@ -36,12 +38,20 @@ class Flight:
     """The flight of one armed or disarmed vehicle: motors and motion."""
 
     def __init__(
-        self, *, style: FlightStyle, airframe: Airframe, dt_s: float, parameters: Gains
+        self,
+        *,
+        style: FlightStyle,
+        airframe: Airframe,
+        dt_s: float,
+        parameters: Gains,
+        law_array: F64 | None = None,
     ) -> None:
         self._style = style
         self._hover_n = airframe.hover_thrust_n
         self._top_n = airframe.max_thrust_n
-        self.law = ControlLaw(kind=style.law, airframe=airframe, dt_s=dt_s, parameters=parameters)
+        self.law = ControlLaw(
+            kind=style.law, airframe=airframe, dt_s=dt_s, parameters=parameters, array=law_array
+        )
         self.behaviour: Behaviour | None = None
         self.armed = False
         self.landed = True
@@ -79,9 +89,22 @@ class Flight:
         """Fly a behaviour from now on."""
         self.behaviour = behaviour
 
-    def step(self, state: State, *, touching: bool) -> Thrusts:
-        """Return the thrusts of this flight step, by the state's estimate and clock."""
-        t_s = state.clock_s
+    def outer_steps(self) -> int:
+        """Return with how many outer steps the body can run the law, its estimate unseen.
+
+        NO_LAW where the flight has to see the estimate first.
+        """
+        behaviour = self.behaviour
+        if self.landed or not self.armed or self.motors_cut or behaviour is None:
+            return NO_LAW
+        return self.law.outer_steps(behaviour.steady)
+
+    def step(self, state: State, *, flown: bool) -> Thrusts:
+        """Return the thrusts of this flight step, by the state's estimate and clock.
+
+        flown: the step of the body has run the law already, as `outer_steps` said.
+        """
+        t_s, touching = state.clock_s, state.touching
         if not self.armed or self.motors_cut or self.behaviour is None:
             self._commanded = STOPPED
             self.target = None
@@ -93,9 +116,9 @@ class Flight:
             thrusts = self._on_ground(self.behaviour, state.now, t_s)
         else:
             target = self.target
-            if target is None or self.law.takes_target:
+            if target is None or (self.law.takes_target and not flown):
                 self.target = target = self.behaviour.update(state.now, t_s)
-            thrusts = self.law.run(state.estimate, target)
+            thrusts = self.law.run(state.estimate, target, flown=flown)
             if touching or self._touch_began_s is not None:
                 self._detect_landing(self.behaviour, t_s, touching=touching)
         self._commanded = thrusts

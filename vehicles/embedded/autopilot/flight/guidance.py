@@ -54,6 +54,11 @@ class Behaviour(ABC):
         """Return whether the behaviour descends to the ground, so that touching it is a landing."""
         return False
 
+    @property
+    def steady(self) -> Target | None:
+        """Return the target that `update` returns until the behaviour is changed; None if any."""
+        return None
+
     @abstractmethod
     def update(self, now: Motion, t_s: float) -> Target:
         """Return the behaviour's present guidance target."""
@@ -79,6 +84,11 @@ class Hold(Behaviour):
         if position_ned_m is not None:
             self._target = self._target._replace(position_ned_m=position_ned_m)
 
+    @property
+    def steady(self) -> Target | None:
+        """Return the target of a hold that has its place."""
+        return self._target if self.done else None
+
     def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the base's signature
         """Return zero velocity while fast, then the hold's position."""
         if self._place is None and _speed(now) <= self._SLOW_M_S:
@@ -102,6 +112,11 @@ class GoTo(Behaviour):
         self.position_ned_m = position_ned_m
         self._target = Target(position_ned_m, yaw_rad=yaw_rad, speed_m_s=speeds)
         self._radius_m = radius_m
+
+    @property
+    def steady(self) -> Target | None:
+        """Return the place once it is reached."""
+        return self._target if self.done else None
 
     def update(self, now: Motion, t_s: float) -> Target:  # noqa: ARG002 - the base's signature
         """Return the place to go to; done within the radius."""
@@ -184,6 +199,13 @@ class Follow(Behaviour):
         self._target = self._still._replace(yaw_rad=now.euler_rad[2])
         self._lifts = self._descends = False
 
+    @property
+    def steady(self) -> Target | None:
+        """Return the followed setpoint where no velocity of it is limited."""
+        target = self._target
+        limited = self._limit is not None and target.position_ned_m[0] is None
+        return None if limited else target
+
     def update(self, now: Motion, t_s: float) -> Target:
         """Return the followed setpoint as guidance target."""
         target = self._target
@@ -207,6 +229,9 @@ class TakeOff(Behaviour):
         self._speeds = speeds
         self._began_s: float | None = None
         self._place = (0.0, 0.0)
+        self._target: Target | None = None
+        self._share = 0.0
+        """Of the climb's speed, on the ramp."""
         self.yaw_rad = 0.0
 
     @property
@@ -219,6 +244,11 @@ class TakeOff(Behaviour):
         """Return the position at which the takeoff ends."""
         return (*self._place, self.down_m)
 
+    @property
+    def steady(self) -> Target | None:
+        """Return the takeoff's target once it is reached, and the ramp is over."""
+        return self._target if self.done and self._share == 1.0 else None
+
     def update(self, now: Motion, t_s: float) -> Target:
         """Return the takeoff's target above its start, at the ramp's speed."""
         if self._began_s is None:
@@ -227,11 +257,15 @@ class TakeOff(Behaviour):
             self.yaw_rad = now.euler_rad[2]
         if now.position_ned_m[2] - self.down_m < self._radius_m:
             self.done = True
-        climb_m_s = self._climb_m_s
+        share = 1.0
         if self._ramp_s > 0.0:
-            climb_m_s *= min(1.0, 0.1 + (t_s - self._began_s) / self._ramp_s)
-        speeds = self._speeds._replace(up=climb_m_s)
-        return Target((*self._place, self.down_m), yaw_rad=self.yaw_rad, speed_m_s=speeds)
+            share = min(1.0, 0.1 + (t_s - self._began_s) / self._ramp_s)
+        target = self._target
+        if target is None or share != self._share:
+            speeds = self._speeds._replace(up=self._climb_m_s * share)
+            target = Target((*self._place, self.down_m), yaw_rad=self.yaw_rad, speed_m_s=speeds)
+            self._target, self._share = target, share
+        return target
 
 
 class LandProfile(NamedTuple):

@@ -98,14 +98,12 @@ def odometry(s: State) -> Any:
     )
 
 
-def hil_state_quaternion(s: State) -> Any | None:
-    """Return PX4's HIL_STATE_QUATERNION of its ground truth topics; None without a simulator.
+def hil_state_quaternion(s: State) -> Any:
+    """Return PX4's HIL_STATE_QUATERNION of its ground truth topics.
 
     The C++ truncates to integers, and sets neither time nor airspeeds.
     """
     truth = s.truth
-    if truth is None:
-        return None
     north_m, east_m, down_m = truth.position_ned_m
     projection = Px4Projection(s.frame.latitude_deg, s.frame.longitude_deg)
     latitude_deg, longitude_deg = projection.to_degrees(north_m, east_m)

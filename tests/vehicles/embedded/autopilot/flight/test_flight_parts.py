@@ -9,7 +9,16 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.embedded.at_rest import AT_REST
-from wil_campaign.vehicles.embedded.autopilot.flight.guidance import LandProfile
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
+    Behaviour,
+    Follow,
+    GoTo,
+    Hold,
+    LandProfile,
+    Speeds,
+    TakeOff,
+    Wanted,
+)
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parameters
 from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
 
@@ -71,3 +80,48 @@ def test_landing_speeds_lie_between_their_steps(height_m: float) -> None:
         assert profile.speed(height_m) == 1.5
     if 1.0 < height_m < 5.0:
         assert profile.speed(height_m) == pytest.approx(0.7)
+
+
+_SPEEDS = Speeds(5.0, 3.0, 1.5)
+_STEADY = {
+    "hold": Hold(speeds=_SPEEDS, yaw_rad=0.1),
+    "hold there": Hold(speeds=_SPEEDS, yaw_rad=0.1, position_ned_m=(1.0, 2.0, 3.0)),
+    "go to": GoTo(position_ned_m=(0.0, 0.0, 0.0), yaw_rad=0.1, speeds=_SPEEDS, radius_m=1.0),
+    "follow": Follow(speeds=_SPEEDS, yaw_rad=0.1, may_lift=False),
+}
+
+
+@pytest.mark.parametrize("behaviour", _STEADY.values(), ids=_STEADY)
+def test_a_steady_target_is_what_the_behaviour_returns_wherever_it_is(behaviour: Behaviour) -> None:
+    fast = AT_REST._replace(velocity_ned_m_s=(2.0, 0.0, 0.0), position_ned_m=(9.0, 0.0, 0.0))
+    for now in (fast, AT_REST, fast, AT_REST._replace(position_ned_m=(0.1, 0.2, 0.3))):
+        steady = behaviour.steady
+        target = behaviour.update(now, 1.0)
+        assert steady in {None, target}
+        assert behaviour.done is (behaviour.steady is target) or isinstance(behaviour, Follow)
+    assert behaviour.steady is behaviour.update(fast, 2.0)
+    behaviour.face(1.0)
+    assert behaviour.steady is behaviour.update(AT_REST, 3.0)
+
+
+def test_a_takeoff_is_steady_once_it_has_arrived_at_its_whole_speed() -> None:
+    takeoff = TakeOff(down_m=-2.0, climb_m_s=1.5, ramp_s=3.0, radius_m=0.3, speeds=_SPEEDS)
+    above = AT_REST._replace(position_ned_m=(0.0, 0.0, -1.9))
+    climbs = [takeoff.update(AT_REST, t_s).speed_m_s[1] for t_s in (1.0, 2.5, 9.0)]
+    assert climbs == pytest.approx([0.15, 0.9, 1.5])
+    assert takeoff.steady is None
+    assert takeoff.update(above, 9.1) is takeoff.update(AT_REST, 9.2) is takeoff.steady
+    early = TakeOff(down_m=-2.0, climb_m_s=1.5, ramp_s=3.0, radius_m=0.3, speeds=_SPEEDS)
+    early.update(above, 1.0)
+    assert early.done
+    assert early.steady is None
+
+
+def test_a_velocity_that_may_be_limited_is_not_steady() -> None:
+    follow = Follow(
+        speeds=_SPEEDS, yaw_rad=0.0, may_lift=False, limit=lambda velocity, _yaw, _t: velocity
+    )
+    assert follow.steady is None
+    wanted = Wanted((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), None, 0.0, has_velocity=False)
+    follow.set(wanted, keep_yaw_rad=0.0)
+    assert follow.steady is follow.update(AT_REST, 0.0)
