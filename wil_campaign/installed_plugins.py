@@ -33,9 +33,17 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "foxglove": {"live_views": ("foxglove",)},
     "impaired_links": {"link_layers": ("links",), "run_observers": ("links",)},
     "injection": {"run_observers": ("inject",)},
+    "lidar": {
+        "recipe_steps": ("resample_beams",),
+        "sensor_types": ("lidar", "lidar_points", "rangefinder"),
+    },
     "logs": {"starters": ("log",)},
     "mavsdk": {"drivers": ("mavsdk",)},
     "meshes": {"mesh_formats": (".obj", ".stl", ".glb", ".gltf", ".dae", ".ply")},
+    "microphone": {
+        "recipe_steps": ("band_pass", "decimate_sound", "add"),
+        "sensor_types": ("microphone",),
+    },
     "mocap": {"motion_captures": ("udp", "zmq")},
     "mqtt": {
         "commands": ("sign",),
@@ -82,10 +90,6 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
             "aggregate",
             "concatenate",
             "replace",
-            "band_pass",
-            "decimate_sound",
-            "add",
-            "resample_beams",
             "color_space",
             "match_photometry",
             "axes",

@@ -2,10 +2,22 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from wil_campaign.vehicles.readings import GpsReading, Source
+from wil_campaign.vehicles.readings.faults import Fault, are_finite
+from wil_campaign.vehicles.readings.messages import (
+    INTEGER,
+    NUMBER,
+    Json,
+    number,
+    schema_of_array,
+    stamped,
+    vector,
+)
+from wil_campaign.vehicles.readings.traits import Encoded, Parts, ReadingTraits
 from wil_campaign.vehicles.sensors.gauss_markov import GaussMarkovWalk
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
 from wil_campaign.vehicles.sensors.sensor_spec import (
@@ -16,6 +28,7 @@ from wil_campaign.vehicles.sensors.sensor_spec import (
 )
 from wil_campaign.vehicles.sensors.timing import Timing
 from wil_campaign.vehicles.sensors.truth import Truth
+from wil_campaign.worlds.frames import norm
 from wil_campaign.worlds.geodesy import LocalFrame
 
 _CEP_PER_SIGMA = math.sqrt(2.0 * math.log(2.0))
@@ -112,4 +125,81 @@ def _model(options: GpsOptions, site: SensorSite) -> GpsSensor:
     return GpsSensor(source=site.side, frame=site.frame, noise=noise, timing=timing)
 
 
-GPS = SensorSpec("gps", GpsReading, GpsOptions, _model)
+def _fault(reading: GpsReading) -> Fault | None:
+    """Check a GPS reading; return its fault or None."""
+    r = reading
+    numbers = (r.latitude_deg, r.longitude_deg, r.altitude_m, *r.velocity_ned_m_s)
+    accuracies = (r.horizontal_accuracy_m, r.vertical_accuracy_m)
+    if not are_finite((*numbers, *accuracies)):
+        return Fault("not_finite", f"a fix of {numbers}, accuracies {accuracies}")
+    if abs(r.latitude_deg) > 90.0 or abs(r.longitude_deg) > 180.0:
+        return Fault("out_of_range", f"latitude {r.latitude_deg}, longitude {r.longitude_deg}")
+    if min(accuracies) < 0.0:
+        return Fault("negative", f"accuracies {accuracies} m")
+    return None
+
+
+def _encode(reading: GpsReading) -> Encoded:
+    """Return a fix as the fields of a foxglove.LocationFix."""
+    across, up = reading.horizontal_accuracy_m**2, reading.vertical_accuracy_m**2
+    return {
+        "latitude": reading.latitude_deg,
+        "longitude": reading.longitude_deg,
+        "altitude": reading.altitude_m,
+        "position_covariance": [across, 0.0, 0.0, 0.0, across, 0.0, 0.0, 0.0, up],
+        "position_covariance_type": 2,
+        "wil": {
+            "velocity_ned_m_s": list(reading.velocity_ned_m_s),
+            "horizontal_accuracy_m": reading.horizontal_accuracy_m,
+            "vertical_accuracy_m": reading.vertical_accuracy_m,
+            "fix_type": reading.fix_type,
+            "satellites": reading.satellites,
+        },
+    }, None
+
+
+def _decode(document: Json, _: Parts) -> dict[str, Any]:
+    wil = document["wil"]
+    return {
+        "latitude_deg": number(document["latitude"]),
+        "longitude_deg": number(document["longitude"]),
+        "altitude_m": number(document["altitude"]),
+        "velocity_ned_m_s": vector(wil["velocity_ned_m_s"]),
+        "horizontal_accuracy_m": number(wil["horizontal_accuracy_m"]),
+        "vertical_accuracy_m": number(wil["vertical_accuracy_m"]),
+        "fix_type": wil["fix_type"],
+        "satellites": wil["satellites"],
+    }
+
+
+_TRAITS = ReadingTraits(
+    fault=_fault,
+    schema=stamped(
+        "foxglove.LocationFix",
+        latitude=NUMBER,
+        longitude=NUMBER,
+        altitude=NUMBER,
+        position_covariance=schema_of_array(NUMBER),
+        position_covariance_type=INTEGER,
+    ),
+    encode=_encode,
+    decode=_decode,
+    compared=lambda r: (r.latitude_deg, r.longitude_deg, r.altitude_m),
+    overlaid=True,
+    quantities={
+        "fix_type": lambda r: float(r.fix_type),
+        "satellites": lambda r: float(r.satellites),
+        "horizontal_accuracy_m": lambda r: r.horizontal_accuracy_m,
+        "vertical_accuracy_m": lambda r: r.vertical_accuracy_m,
+        "altitude_m": lambda r: r.altitude_m,
+        "speed_m_s": lambda r: norm(r.velocity_ned_m_s),
+    },
+)
+GPS = SensorSpec(
+    "gps",
+    GpsReading,
+    GpsOptions,
+    _model,
+    traits=_TRAITS,
+    mavlink="wil_campaign.vehicles.sources.readings.mavlink_messages:GPS",
+)

@@ -2,11 +2,14 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from wil_campaign.vehicles.readings import ImuReading, Source
+from wil_campaign.vehicles.readings.faults import Fault, are_finite
+from wil_campaign.vehicles.readings.messages import VECTOR3, Json, stamped, vector
+from wil_campaign.vehicles.readings.traits import Encoded, Parts, ReadingTraits
 from wil_campaign.vehicles.sensors.gauss_markov import GaussMarkovWalk
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
 from wil_campaign.vehicles.sensors.sensor_spec import (
@@ -17,7 +20,7 @@ from wil_campaign.vehicles.sensors.sensor_spec import (
 )
 from wil_campaign.vehicles.sensors.timing import Timing
 from wil_campaign.vehicles.sensors.truth import Truth
-from wil_campaign.worlds.frames import Vec3
+from wil_campaign.worlds.frames import Vec3, norm
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,4 +127,48 @@ def _model(options: ImuOptions, site: SensorSite) -> ImuSensor:
     return ImuSensor(source=site.side, noise=noise, timing=Timing(options.rate_hz))
 
 
-IMU = SensorSpec("imu", ImuReading, ImuOptions, _model)
+def _fault(reading: ImuReading) -> Fault | None:
+    """Check an IMU reading; return its fault or None."""
+    numbers = (*reading.specific_force_frd_m_s2, *reading.rates_frd_rad_s)
+    if not are_finite(numbers):
+        return Fault("not_finite", f"specific force and rates {numbers}")
+    return None
+
+
+def _encode(reading: ImuReading) -> Encoded:
+    """Return an IMU reading as the fields of a wil.Imu."""
+    force, rates = reading.specific_force_frd_m_s2, reading.rates_frd_rad_s
+    return {
+        "linear_acceleration": dict(zip("xyz", force, strict=True)),
+        "angular_velocity": dict(zip("xyz", rates, strict=True)),
+    }, None
+
+
+def _decode(document: Json, _: Parts) -> dict[str, Any]:
+    force, rates = document["linear_acceleration"], document["angular_velocity"]
+    return {
+        "specific_force_frd_m_s2": vector([force[axis] for axis in "xyz"]),
+        "rates_frd_rad_s": vector([rates[axis] for axis in "xyz"]),
+    }
+
+
+_TRAITS = ReadingTraits(
+    fault=_fault,
+    schema=stamped("wil.Imu", linear_acceleration=VECTOR3, angular_velocity=VECTOR3),
+    encode=_encode,
+    decode=_decode,
+    compared=lambda r: (*r.specific_force_frd_m_s2, *r.rates_frd_rad_s),
+    overlaid=True,
+    quantities={
+        "force_m_s2": lambda r: norm(r.specific_force_frd_m_s2),
+        "rate_rad_s": lambda r: norm(r.rates_frd_rad_s),
+    },
+)
+IMU = SensorSpec(
+    "imu",
+    ImuReading,
+    ImuOptions,
+    _model,
+    traits=_TRAITS,
+    mavlink="wil_campaign.vehicles.sources.readings.mavlink_messages:IMU",
+)

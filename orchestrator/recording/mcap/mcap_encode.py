@@ -14,7 +14,6 @@ from wil_campaign.orchestrator.recording.mcap.mcap_bodies import (
     drawing_body,
     raw_image,
 )
-from wil_campaign.orchestrator.recording.mcap.mcap_json import Json, encode, pose_out
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import ImageSettings, RecordingSettings
 from wil_campaign.vehicles.readings import (
     CameraReading,
@@ -24,6 +23,7 @@ from wil_campaign.vehicles.readings import (
     Reading,
     sensor_type_of,
 )
+from wil_campaign.vehicles.readings.messages import Json, encode, pose_out
 from wil_campaign.worlds.camera import CameraMount, Intrinsics
 from wil_campaign.worlds.frames import Pose
 

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 from mcap.records import Message
 
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import camera_of
 from wil_campaign.orchestrator.recording.recorded_images import (
     NotDrawnAgainError,
     RecordedImages,
@@ -22,6 +21,7 @@ from wil_campaign.orchestrator.report.reading.recorded_sights import RecordedSig
 from wil_campaign.orchestrator.report.words import number_text
 from wil_campaign.vehicles.perception.depth_colors import color_depth
 from wil_campaign.vehicles.readings import BgrImage
+from wil_campaign.vehicles.readings.image_messages import camera_of
 
 _MOST_BEAMS = 360
 

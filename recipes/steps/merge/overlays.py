@@ -10,22 +10,22 @@ from pydantic import Field, field_validator
 from wil_campaign.recipes.model.registry import Context, StepParameters, step
 from wil_campaign.recipes.operations.masks import is_kept, kept_elements
 from wil_campaign.recipes.operations.optics import disagreement_px
-from wil_campaign.recipes.operations.scans import refuse_other_beams
 from wil_campaign.recipes.operations.soft_edges import SoftEdge, blend_cover, has_cover
-from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Merge, Need, Side, Sides
-from wil_campaign.vehicles.readings import (
-    CameraReading,
-    DepthReading,
-    LidarScanReading,
-    Mask,
-    Reading,
+from wil_campaign.recipes.working import (
+    AnyMasked,
+    CannotMixError,
+    Masked,
+    Merge,
+    Need,
+    Side,
+    Sides,
+    refuse_other_elements,
 )
+from wil_campaign.vehicles.readings import CameraReading, DepthReading, Mask, Reading
+from wil_campaign.vehicles.readings.kinds import traits_of
 
 MAX_DISAGREEMENT_PX = 1.0
 """Largest distance of the same point in two images that may be laid over each other."""
-
-OVERLAID = ("camera", "depth", "lidar", "rangefinder", "gps", "pose", "imu")
-
 
 TWIN_FIRST: tuple[Side, Side] = ("twin", "real")
 
@@ -67,7 +67,12 @@ class OverlayParameters(StepParameters):
         return ""
 
 
-@step("overlay", stage="merge", sensors=OVERLAID, parameters=OverlayParameters)
+@step(
+    "overlay",
+    stage="merge",
+    sensors=lambda traits: traits.overlaid,
+    parameters=OverlayParameters,
+)
 def overlay(parameters: OverlayParameters, context: Context) -> Merge:  # noqa: ARG001 - the interface of steps
     """Lay the kept elements of one reading over the other, by priority.
 
@@ -141,10 +146,10 @@ def _plain(layers: list[AnyMasked], ground: AnyMasked, occlusion: str) -> Readin
             depth_m = reading.depth_m.copy()
             cv2.copyTo(upper.depth_m, mask, depth_m)
             reading = replace(reading, depth_m=depth_m)
-        elif isinstance(reading, LidarScanReading):
-            refuse_other_beams("overlay", upper, reading)
-            ranges_m = np.where(kept_elements(layer), upper.ranges_m, reading.ranges_m)
-            reading = replace(reading, ranges_m=ranges_m)
+        elif name := traits_of(type(reading)).elements:
+            refuse_other_elements("overlay", upper, reading)
+            kept = np.where(kept_elements(layer), getattr(upper, name), getattr(reading, name))
+            reading = replace(reading, **{name: kept})
         elif is_kept(layer):
             reading = upper
     return _lay_reading(Masked(reading))

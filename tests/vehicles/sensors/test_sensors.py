@@ -1,9 +1,7 @@
 """Sensor models against truth, statistics of their noise, and their repeatability."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,63 +9,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wil_campaign.vehicles.readings import CameraReading, Reading
-from wil_campaign.vehicles.readings.checks import fault_of
-from wil_campaign.vehicles.sensors.beams import (
-    Directions,
-    RangeNoise,
-    RayHits,
-    disturb,
-    grid_directions,
-)
+from tests.vehicles.sensors.sensor_rigs import HOVER, require_repeatable, rng
+from wil_campaign.vehicles.readings import CameraReading
 from wil_campaign.vehicles.sensors.depth import DepthNoise, DepthSensor
 from wil_campaign.vehicles.sensors.gauss_markov import GaussMarkovWalk
 from wil_campaign.vehicles.sensors.gps import GPS_NOISES, GpsNoise, GpsSensor
 from wil_campaign.vehicles.sensors.imu import IMU_NOISES, ImuNoise, ImuSensor
-from wil_campaign.vehicles.sensors.lidar import (
-    RANGEFINDER_NOISE,
-    RANGEFINDER_NOISES,
-    SCAN_NOISE,
-    SCAN_NOISES,
-    GridPattern,
-    LidarPointsSensor,
-    LidarScanSensor,
-    RangefinderSensor,
-)
-from wil_campaign.vehicles.sensors.microphone import (
-    MICROPHONE_NOISES,
-    QUIET,
-    MicrophoneNoise,
-    MicrophoneSensor,
-    RotorSound,
-    pressure_of,
-)
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
 from wil_campaign.vehicles.sensors.timing import Timing
-from wil_campaign.vehicles.sensors.truth import Truth, motor_speeds
+from wil_campaign.vehicles.sensors.truth import motor_speeds
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.geodesy import LocalFrame
 
 HOME = LocalFrame(47.397742, 8.545594, 488.0)
-HOVER = Truth(Pose.of(1.0, 2.0, 3.0, yaw_rad=0.5), motor_speeds_rad_s=(469.0,) * 4)
-
-
-def rng(seed: int = 1) -> np.random.Generator:
-    return np.random.default_rng(seed)
-
-
-def box_room(sensor: Pose, directions_frd: Directions, t_s: float) -> RayHits:
-    """A floor at down 0 (object 1) and a wall at north 5 m (object 2), nothing else."""
-    north, _, down = sensor.position_ned_m
-    hits = [sensor.to_parent(tuple(d)) for d in directions_frd.tolist()]
-    ranges, ids = [], []
-    for n, _, d in hits:
-        to_wall = (5.0 - north) / (n - north) if n - north > 1e-9 else math.inf
-        to_floor = -down / (d - down) if d - down > 1e-9 else math.inf
-        ranges.append(min(to_wall, to_floor))
-        ids.append(0 if min(to_wall, to_floor) == math.inf else 1 if to_floor < to_wall else 2)
-    return RayHits(np.array(ranges, np.float32), np.array(ids, np.uint8))
 
 
 @given(
@@ -159,90 +113,6 @@ def test_half_of_all_fixes_lie_within_the_cep() -> None:
     assert np.median(misses) == pytest.approx(2.5, rel=0.07)
 
 
-def test_a_scan_sees_the_wall_where_it_is() -> None:
-    level = Truth(Pose.of(0.0, 0.0, 1.0, yaw_rad=math.pi / 2))  # facing east
-    reading = LidarScanSensor(source="twin", cast=box_room).sample(level, 1.0, rng())
-    to_the_left = int(np.argmin(np.abs(reading.angles_rad + math.pi / 2)))  # so north
-    assert reading.ranges_m[to_the_left] == pytest.approx(5.0, abs=1e-3)
-    assert reading.object_ids is not None
-    assert reading.object_ids[to_the_left] == 2
-    ahead = int(np.argmin(np.abs(reading.angles_rad)))
-    assert math.isinf(reading.ranges_m[ahead]) or reading.ranges_m[ahead] > 11.0
-    assert fault_of(reading) is None
-
-
-def test_points_lie_on_surfaces_that_the_beams_met() -> None:
-    sensor = LidarPointsSensor(
-        source="twin", cast=box_room, pattern=GridPattern(columns=60, rings=5)
-    )
-    truth = Truth(Pose.of(0.0, 0.0, 2.0, yaw_rad=0.3, pitch_rad=0.1))
-    reading = sensor.sample(truth, 1.0, rng())
-    assert 20 < len(reading.points_frd_m) < 300
-    assert reading.object_ids is not None
-    for point, number in zip(reading.points_frd_m.tolist(), reading.object_ids, strict=True):
-        north, _, down = truth.pose.to_parent(tuple(point))
-        assert (north if number == 2 else down) == pytest.approx(
-            5.0 if number == 2 else 0.0, abs=1e-4
-        )
-    assert fault_of(reading) is None
-
-
-def test_a_rangefinder_looks_down_and_tells_nothing_beyond_its_reach() -> None:
-    sensor = RangefinderSensor(source="real", cast=box_room, half_angle_rad=0.0)
-    near = sensor.sample(Truth(Pose.of(0.0, 0.0, 3.0)), 0.0, rng())
-    assert near.range_m == pytest.approx(3.0, abs=1e-4)
-    assert math.isinf(sensor.sample(Truth(Pose.of(0.0, 0.0, 30.0)), 0.1, rng()).range_m)
-    assert math.isinf(sensor.sample(Truth(Pose.of(0.0, 0.0, 0.05)), 0.2, rng()).range_m)
-
-
-def test_a_wide_beam_reports_the_nearest_thing() -> None:
-    def edge(sensor: Pose, directions_frd: Directions, t_s: float) -> RayHits:
-        near = np.where(directions_frd[:, 1] > 0.01, np.float32(1.0), np.float32(4.0))
-        return RayHits(near, np.zeros(len(near), np.uint8))
-
-    sensor = RangefinderSensor(source="real", cast=edge)
-    assert sensor.sample(HOVER, 0.0, rng()).range_m == 1.0
-
-
-def test_range_noise_grows_with_distance_and_leaves_the_void_alone() -> None:
-    hits = RayHits(
-        np.repeat(np.array([2.0, 8.0, np.inf], np.float32), 5000), np.full(15_000, 7, np.uint8)
-    )
-    seen = disturb(hits, SCAN_NOISE, rng())
-    near, far, void = np.split(seen.ranges_m, 3)
-    assert near.std() == pytest.approx(0.02, rel=0.05)
-    assert far.std() == pytest.approx(0.08, rel=0.05)
-    assert np.isinf(void).all()
-    assert (np.split(seen.object_ids, 3)[2] == 0).all()
-    assert hits.ranges_m[0] == 2.0
-
-
-def test_dropouts_and_outliers_come_as_often_as_asked() -> None:
-    noise = RangeNoise(0.1, 10.0, dropout=0.1, outlier=0.2)
-    hits = RayHits(np.full(20_000, 5.0, np.float32), np.ones(20_000, np.uint8))
-    seen = disturb(hits, noise, rng()).ranges_m
-    assert np.isinf(seen).mean() == pytest.approx(0.1, abs=0.01)
-    early = seen[np.isfinite(seen)] < 5.0
-    assert early.mean() == pytest.approx(0.2, abs=0.01)
-
-
-def test_a_beam_that_meets_nothing_does_not_shift_the_noise_of_another() -> None:
-    full = np.full(50, 5.0, np.float32)
-    holed = full.copy()
-    holed[3] = np.inf
-    ids = np.ones(50, np.uint8)
-    a = disturb(RayHits(full, ids), SCAN_NOISE, rng()).ranges_m
-    b = disturb(RayHits(holed, ids), SCAN_NOISE, rng()).ranges_m
-    assert np.array_equal(np.delete(a, 3), np.delete(b, 3))
-
-
-@given(st.integers(1, 40), st.integers(1, 8))
-def test_grids_are_unit_vectors(columns: int, rings: int) -> None:
-    grid = grid_directions(np.linspace(-3.0, 3.0, columns), np.linspace(-0.5, 0.5, rings))
-    assert grid.shape == (columns * rings, 3)
-    assert np.linalg.norm(grid, axis=1) == pytest.approx(1.0)
-
-
 def picture(depth_m: float, *, width: int = 160, height: int = 120) -> CameraReading:
     return CameraReading(
         t_s=1.0,
@@ -277,120 +147,15 @@ def test_depth_without_noise_is_the_images_own() -> None:
         DepthSensor().sample(replace(source, depth_m=None), rng())
 
 
-def recorded(sensor: MicrophoneSensor, truth: Truth, blocks: int) -> "np.ndarray":
-    generator = rng()
-    return np.concatenate(
-        [
-            sensor.sample(truth, (k + 1) * sensor.block_s, generator).pressure_pa
-            for k in range(blocks)
-        ]
-    )
-
-
-def test_rotors_sound_at_their_blade_pass_frequency() -> None:
-    sound = replace(RotorSound(), broadband_db=-math.inf)
-    sensor = MicrophoneSensor(source="real", rotors=sound, block_samples=500)
-    wave = recorded(sensor, HOVER, 32)  # one second
-    spectrum = np.abs(np.fft.rfft(wave * np.hanning(len(wave))))
-    blade_pass_hz = 2 * 469.0 / (2 * math.pi)
-    assert np.argmax(spectrum) == pytest.approx(blade_pass_hz, abs=1.0)
-    for harmonic in (2, 3):
-        around = spectrum[int(harmonic * blade_pass_hz) - 3 : int(harmonic * blade_pass_hz) + 5]
-        assert around.max() > 20 * np.median(spectrum)
-
-
-def test_loudness_at_hover_is_as_requested_and_falls_with_the_square_of_speed() -> None:
-    sound = replace(RotorSound(), broadband_db=-math.inf)
-    levels = []
-    for speed in (469.0, 234.5):
-        sensor = MicrophoneSensor(source="real", rotors=sound)
-        # speeds a little apart: rotors of one speed would add or cancel by their phases
-        truth = replace(HOVER, motor_speeds_rad_s=(speed, speed * 1.01, speed * 1.02, speed * 0.99))
-        levels.append(float(np.sqrt(np.mean(recorded(sensor, truth, 300) ** 2))))
-    assert 20 * math.log10(levels[0] / pressure_of(sound.hover_level_db)) == pytest.approx(
-        0.0, abs=0.6
-    )
-    assert levels[0] / levels[1] == pytest.approx(4.0, rel=0.06)
-
-
-def test_sound_runs_on_from_block_to_block() -> None:
-    sound = replace(RotorSound(), broadband_db=-math.inf, harmonics=1)
-    sensor, generator = MicrophoneSensor(source="real", rotors=sound, block_samples=160), rng()
-    wave = [sensor.sample(HOVER, 0.01, generator)]
-    faster = replace(HOVER, motor_speeds_rad_s=(560.0,) * 4)
-    wave += [sensor.sample(faster, 0.02 + 0.01 * k, generator) for k in range(3)]
-    joined = np.concatenate([block.pressure_pa for block in wave])
-    steepest = 2.0 * 560.0 / 16_000 * np.abs(joined).max()
-    assert np.abs(np.diff(joined)).max() < 1.3 * steepest
-    assert [round(block.t_s, 6) for block in wave] == [0.0, 0.01, 0.02, 0.03]
-
-
-def test_tones_beyond_half_the_sample_rate_do_not_fold_back() -> None:
-    sound = replace(
-        RotorSound(), broadband_db=-math.inf, harmonics=4, fall_db=0.0, hover_speed_rad_s=9425.0
-    )
-    fast = replace(HOVER, motor_speeds_rad_s=(2 * math.pi * 1500.0,))  # 3, 6, 9, 12 kHz
-    sensor = MicrophoneSensor(source="real", rotors=sound, block_samples=1600)
-    spectrum = np.abs(np.fft.rfft(recorded(sensor, fast, 10)))
-    loud_hz = np.flatnonzero(spectrum > 0.1 * spectrum.max())
-    assert set(loud_hz.tolist()) <= {2999, 3000, 3001, 5999, 6000, 6001}
-
-
-def test_a_hall_without_rotors_has_its_ambient_level() -> None:
-    noise = MicrophoneNoise(ambient_level_db=60.0)
-    still = replace(HOVER, motor_speeds_rad_s=(0.0,) * 4)
-    wave = recorded(MicrophoneSensor(source="real", noise=noise), still, 60)
-    assert 20 * math.log10(wave.std() / 20e-6) == pytest.approx(60.0, abs=0.3)
-    silent = recorded(MicrophoneSensor(source="twin", noise=QUIET), Truth(HOVER.pose), 3)
-    assert not silent.any()
-
-
 def test_rotor_speed_from_thrust() -> None:
     assert motor_speeds((0.5 * 9.80665 / 4, 0.0, -1.0)) == pytest.approx((469.1, 0.0, 0.0), abs=0.2)
 
 
-def _sampled(sensor: Any, t_s: float, generator: np.random.Generator) -> Reading:
-    reading: Reading = sensor.sample(HOVER, t_s, generator)
-    return reading
-
-
-def sensors(kind: NoiseSetName) -> list[Callable[[float, np.random.Generator], Reading]]:
+def sensors(kind: NoiseSetName) -> list[Any]:
     imu = ImuSensor(source="real", noise=IMU_NOISES.named(kind))
-    gps = GpsSensor(source="real", frame=HOME, noise=GPS_NOISES.named(kind))
-    scan = LidarScanSensor(source="real", cast=box_room, noise=SCAN_NOISES.named(kind))
-    below = RangefinderSensor(source="real", cast=box_room, noise=RANGEFINDER_NOISES.named(kind))
-    ear = MicrophoneSensor(source="real", noise=MICROPHONE_NOISES.named(kind))
-    return [partial(_sampled, sensor) for sensor in (imu, gps, scan, below, ear)]
-
-
-def flat(reading: Reading) -> str:
-    return "".join(
-        value.tobytes().hex() if isinstance(value, np.ndarray) else repr(value)
-        for name in reading.__slots__
-        for value in [getattr(reading, name)]
-    )
+    return [imu, GpsSensor(source="real", frame=HOME, noise=GPS_NOISES.named(kind))]
 
 
 @pytest.mark.parametrize("kind", ["ideal", "datasheet"])
 def test_equal_seeds_give_equal_readings_and_others_do_not(kind: NoiseSetName) -> None:
-    def run(seed: int) -> list[str]:
-        generator = rng(seed)
-        return [flat(sample(0.1 * k, generator)) for sample in sensors(kind) for k in range(1, 4)]
-
-    assert run(3) == run(3)
-    noisy = kind == "datasheet"
-    assert [a == b for a, b in zip(run(3), run(4), strict=True)][:12] == [not noisy] * 12
-
-
-@pytest.mark.parametrize("kind", ["ideal", "datasheet"])
-def test_every_sensor_gives_readings_without_fault(kind: NoiseSetName) -> None:
-    generator = rng()
-    for sample in sensors(kind):
-        assert fault_of(sample(1.0, generator)) is None
-
-
-def test_a_rangefinders_noise_is_that_of_its_datasheet() -> None:
-    sensor = RangefinderSensor(source="real", cast=box_room, noise=RANGEFINDER_NOISE)
-    generator = rng()
-    ranges = [sensor.sample(HOVER, k / 50, generator).range_m for k in range(600)]
-    assert np.std(ranges) == pytest.approx(RANGEFINDER_NOISE.sigma_m, rel=0.1)
+    require_repeatable(sensors, kind)

@@ -7,14 +7,26 @@ spectra). Pressure goes with the square of rotor speed, as thrust does.
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from wil_campaign.foundation.files.documents import KeyFaultError
+from wil_campaign.plugins.microphone.audio import SoundLine
 from wil_campaign.vehicles.readings import MicrophoneReading, Source, samples_from_pressure
+from wil_campaign.vehicles.readings.faults import Fault, array_fault
+from wil_campaign.vehicles.readings.messages import (
+    BASE64,
+    INTEGER,
+    STRING,
+    Json,
+    bytes_of,
+    number,
+    stamped,
+)
+from wil_campaign.vehicles.readings.traits import Encoded, Parts, ReadingTraits
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
 from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions, SensorSite, SensorSpec
 from wil_campaign.vehicles.sensors.truth import Truth
@@ -189,4 +201,58 @@ def _model(options: MicrophoneOptions, site: SensorSite) -> MicrophoneSensor:
     )
 
 
-MICROPHONE = SensorSpec("microphone", MicrophoneReading, MicrophoneOptions, _model)
+def _fault(reading: MicrophoneReading) -> Fault | None:
+    """Check a microphone reading; return its fault or None."""
+    fault = array_fault(reading.samples, (None,), np.int16, "sound")
+    if fault is not None:
+        return fault
+    if len(reading.samples) == 0:
+        return Fault("empty", "the block of sound has no samples")
+    if reading.sample_rate_hz < 1 or not 0.0 < reading.full_scale_pa < math.inf:
+        scale = f"{reading.sample_rate_hz} Hz, full scale {reading.full_scale_pa} Pa"
+        return Fault("out_of_range", f"sound at {scale}")
+    return None
+
+
+def _encode(reading: MicrophoneReading) -> Encoded:
+    """Return a block of sound as the fields of a foxglove.RawAudio."""
+    fields = {
+        "format": "pcm-s16",
+        "sample_rate": reading.sample_rate_hz,
+        "number_of_channels": 1,
+        "wil": {"full_scale_pa": reading.full_scale_pa},
+    }
+    return fields, reading.samples.astype("<i2").tobytes()
+
+
+def _decode(document: Json, _: Parts) -> dict[str, Any]:
+    return {
+        "samples": np.frombuffer(bytes_of(document["data"]), "<i2"),
+        "sample_rate_hz": document["sample_rate"],
+        "full_scale_pa": number(document["wil"]["full_scale_pa"]),
+    }
+
+
+def _rms_pa(reading: MicrophoneReading) -> float:
+    """Return the RMS sound pressure of a microphone reading."""
+    return float(np.sqrt(np.mean(np.square(reading.pressure_pa, dtype=np.float64))))
+
+
+_TRAITS = ReadingTraits(
+    fault=_fault,
+    schema=stamped(
+        "foxglove.RawAudio",
+        data=BASE64,
+        format=STRING,
+        sample_rate=INTEGER,
+        number_of_channels=INTEGER,
+    ),
+    encode=_encode,
+    decode=_decode,
+    compared=lambda r: (r.samples.tobytes(),) if bool(r.samples.any()) else (),
+    has_moved=lambda reading, since, now: True,  # noqa: ARG005 - no two blocks of sound are equal
+    elements="samples",
+    line=lambda: SoundLine(is_steady=True),
+    quantities={"loudness_pa": _rms_pa},
+)
+MICROPHONE = SensorSpec("microphone", MicrophoneReading, MicrophoneOptions, _model, traits=_TRAITS)

@@ -1,4 +1,4 @@
-"""Converts values to JSON and back, exactly, including infinity and NaN.
+"""Messages of readings in JSON: values there and back, exactly, and their schemas.
 
 JSON has no infinity: 1e999 is written, a valid JSON number that every reader in double precision
 reads as infinity. NaN is null.
@@ -20,6 +20,38 @@ from wil_campaign.worlds.frames import Pose, Vec3
 
 Json = Any
 """A value from json.loads."""
+Schema = dict[str, Any]
+"""A JSON schema, as it is written to a recording."""
+
+NUMBER: Schema = {"type": "number"}
+INTEGER: Schema = {"type": "integer"}
+STRING: Schema = {"type": "string"}
+BASE64: Schema = {"type": "string", "contentEncoding": "base64"}
+UINT8, FLOAT32 = 1, 7
+"""foxglove.NumericType."""
+
+
+def schema_of_object(title: str, **properties: Schema) -> Schema:
+    """Return the JSON schema of a message's part."""
+    return {"title": title, "type": "object", "properties": properties}
+
+
+def schema_of_array(items: Schema) -> Schema:
+    """Return the JSON schema of an array in a message."""
+    return {"type": "array", "items": items}
+
+
+TIME = schema_of_object("time", sec=INTEGER, nsec=INTEGER)
+VECTOR3 = schema_of_object("foxglove.Vector3", x=NUMBER, y=NUMBER, z=NUMBER)
+QUATERNION = schema_of_object("foxglove.Quaternion", x=NUMBER, y=NUMBER, z=NUMBER, w=NUMBER)
+POSE_SCHEMA = schema_of_object("foxglove.Pose", position=VECTOR3, orientation=QUATERNION)
+
+
+def stamped(title: str, **properties: Schema) -> Schema:
+    """Return the JSON schema of a reading's message: a timestamp, these fields, and `wil`."""
+    wil: Schema = {"type": "object"}
+    return schema_of_object(title, timestamp=TIME, frame_id=STRING, **properties, wil=wil)
+
 
 _MARK = uuid.uuid4().hex
 _INFINITE, _MINUS_INFINITE = f"\x00{_MARK}", f"\x00-{_MARK}"

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from wil_campaign.foundation.files.documents import Part
+from wil_campaign.plugins.lidar.scans import with_beams
 from wil_campaign.recipes.model.registry import Context, SidedParameters, step
-from wil_campaign.recipes.operations.scans import with_beams
 from wil_campaign.recipes.operations.step_parameters import Degrees
 from wil_campaign.recipes.steps.transform.geometry import refuse_own
 from wil_campaign.recipes.working import CannotMixError, Masked, Operator

@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from wil_campaign.recipes.working import CannotMixError, Masked
+from wil_campaign.recipes.working import Masked
 from wil_campaign.vehicles.readings import LidarScanReading
 
 _SAME_RAD = 1e-4
 """Beams that differ by less are the same: 1 mm at 10 m."""
 
 
-def refuse_other_beams(name: str, a: LidarScanReading, b: LidarScanReading) -> None:
-    """Raise CannotMixError when two scans have different beams."""
+def beams_mismatch(a: LidarScanReading, b: LidarScanReading) -> str:
+    """Return that two scans have different beams, and the remedy; "" where they do not."""
     same = len(a.ranges_m) == len(b.ranges_m)
     if same and len(a.ranges_m):
         last = len(a.ranges_m) - 1
@@ -22,13 +22,12 @@ def refuse_other_beams(name: str, a: LidarScanReading, b: LidarScanReading) -> N
             a.start_angle_rad + last * a.step_rad - b.start_angle_rad - last * b.step_rad,
         )
         same = all(abs(math.remainder(end, math.tau)) < _SAME_RAD for end in ends)
-    if not same:
-        beams = " and ".join(
-            f"{len(scan.ranges_m)} from {math.degrees(scan.start_angle_rad):g} deg by"
-            f" {math.degrees(scan.step_rad):g}"
-            for scan in (a, b)
-        )
-        raise CannotMixError("mismatch", f"{name}: beams are {beams}; add a resample_beams step")
+    beams = " and ".join(
+        f"{len(scan.ranges_m)} from {math.degrees(scan.start_angle_rad):g} deg by"
+        f" {math.degrees(scan.step_rad):g}"
+        for scan in (a, b)
+    )
+    return "" if same else f"beams are {beams}; add a resample_beams step"
 
 
 def with_beams(
@@ -65,8 +64,3 @@ def with_beams(
         step_rad=step_rad,
     )
     return Masked(made, np.where(found, mask, 0).astype(np.uint8))
-
-
-def is_full_turn(scan: LidarScanReading) -> bool:
-    """Return whether a scan's last beam is the neighbour of its first."""
-    return abs(len(scan.ranges_m) * abs(scan.step_rad) - math.tau) < abs(scan.step_rad) / 2

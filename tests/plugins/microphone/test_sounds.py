@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from tests.recipes.samples import build, sound
 from wil_campaign.foundation.files.documents import parse
+from wil_campaign.plugins.microphone.audio import band_pass_kernel
 from wil_campaign.recipes.language.recipe_document import load_recipe
-from wil_campaign.recipes.operations.audio import band_pass_kernel
 from wil_campaign.recipes.pipeline.pipeline import compile_recipe
 from wil_campaign.recipes.working import CannotMixError, Masked
 

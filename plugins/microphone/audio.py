@@ -74,7 +74,7 @@ _GAP_SAMPLES = 1.5
 """Time stamps of consecutive blocks deviate by less, in samples."""
 
 
-class TimeLine:
+class SoundLine:
     """A buffer of the last seconds of a microphone's sound, readable at any time.
 
     is_steady: stamps of consecutive blocks may deviate by up to half a block, 20 ms at most, as
@@ -108,7 +108,7 @@ class TimeLine:
             return block
         return replace(block, t_s=block.t_s - late_s + math.copysign(sample_s, late_s))
 
-    def block_during(self, real: MicrophoneReading, like: MicrophoneReading) -> MicrophoneReading:
+    def during(self, real: MicrophoneReading, like: MicrophoneReading) -> MicrophoneReading:
         """Return the line's audio block for exactly the time of a real one.
 
         It has the line's sample rate, number and full scale of another block. Blocks of consecutive

@@ -6,8 +6,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from wil_campaign.plugins.microphone.audio import Filter, SoundLine, band_pass_kernel, low_pass
 from wil_campaign.recipes.model.registry import Context, SidedParameters, StepParameters, step
-from wil_campaign.recipes.operations.audio import Filter, TimeLine, band_pass_kernel, low_pass
 from wil_campaign.recipes.working import (
     SIDES,
     AnyMasked,
@@ -121,7 +121,7 @@ def add(parameters: AddParameters, context: Context) -> Merge:  # noqa: ARG001 -
     it. Consecutive sums join without loss. Another sample rate of the twin's is a mismatch; where
     the twin's sound is not known for the whole time, the sum is left out ("no_twin").
     """
-    lines: dict[Side, TimeLine] = {side: TimeLine() for side in SIDES}
+    lines: dict[Side, SoundLine] = {side: SoundLine() for side in SIDES}
     late_s = 0.0
 
     def merge(sides: Sides) -> MicrophoneReading:
