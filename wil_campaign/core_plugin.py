@@ -80,7 +80,5 @@ def sensor_types() -> tuple[SensorKind, ...]:
     return (
         SensorKind("camera", "wil_campaign.vehicles.sensors.lens:CAMERA"),
         SensorKind("depth", "wil_campaign.vehicles.sensors.depth:DEPTH"),
-        SensorKind("gps", "wil_campaign.vehicles.sensors.gps:GPS"),
         SensorKind("pose", "wil_campaign.vehicles.sensors.pose:POSE"),
-        SensorKind("imu", "wil_campaign.vehicles.sensors.imu:IMU"),
     )

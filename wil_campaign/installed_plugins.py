@@ -50,6 +50,7 @@ SHIPPED: Mapping[str, Mapping[str, tuple[str, ...]]] = {
         "operator_channels": ("mqtt",),
         "run_options": ("broker",),
     },
+    "navigation": {"sensor_types": ("gps", "imu")},
     "observer": {
         "campaign_keys": ("observer",),
         "commands": ("film",),

@@ -988,9 +988,9 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     ]
     mocap = ("udp://127.0.0.1:5570", "tcp://h:5570")
     words += [["run", gate, *one, "--set", f"vehicles.real.mocap={name}"] for name in mocap]
-    gps = "vehicles.real.sensors.gps={type: gps, source: '%s'}"
+    captured = "vehicles.real.sensors.place={type: pose, source: '%s'}"
     words += [
-        ["run", gate, *one, "--set", gps % name]
+        ["run", gate, *one, "--set", captured % name]
         for name in ("tcp://h:5555", "a.mcap", "rtp://h:1", "realsense://1")
     ]
     words += [["validate", str(write_with_mesh(tmp_path, end))] for end in shipped("mesh_formats")]

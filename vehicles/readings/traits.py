@@ -15,6 +15,7 @@ from wil_campaign.vehicles.readings.faults import Fault
 from wil_campaign.vehicles.readings.images import Source
 from wil_campaign.vehicles.readings.messages import Json, Schema
 from wil_campaign.worlds.frames import Pose, norm, subtract
+from wil_campaign.worlds.geodesy import LocalFrame
 
 Parts = Mapping[str, NDArray[Any]]
 """Arrays beside an image's message: "depth", "ids" and, of one that was drawn again, "image"."""
@@ -42,9 +43,11 @@ class ReadingTraits:
     message; raises KeyError, ValueError or TypeError. compared: what to compare with the last one,
     to find a frozen sensor; empty for a reading without a hit. has_moved: whether a vehicle moved
     so far between two poses that its readings cannot stay the same. blank: returns an empty one as
-    large as those of a sensor, by its setup, of a side. size: that of one, in words.
+    large as those of a sensor, by its setup, of a side. size: that of one, in words. at_rest:
+    returns what is wrong with one of a vehicle at rest, by its pose in the world.
 
     elements: its array with a value per element, counted by the first `axes`; "" for one value.
+    in_world: whether its values are in the world's frame, not in its sensor's or the body's.
     overlaid: whether `overlay` takes it. mismatch: returns why two have other elements, or "".
     ground_truth: fields that only a simulator knows, None for an autonomy. line: makes what joins
     readings that last (`duration_s`), a `TimeLine` of recipes/working.py: of the twin's the part of
@@ -62,8 +65,10 @@ class ReadingTraits:
     has_moved: Callable[[Any, Pose, Pose], bool] = has_moved_half_a_metre
     blank: Callable[[Any, Source], Any] | None = None
     size: Callable[[Any], str] = lambda reading: ""  # noqa: ARG005
+    at_rest: Callable[[Any, Pose, LocalFrame], str | None] | None = None
     elements: str = ""
     axes: int = 1
+    in_world: bool = False
     overlaid: bool = False
     mismatch: Callable[[Any, Any], str] = lambda upper, lower: ""  # noqa: ARG005
     ground_truth: tuple[str, ...] = ()

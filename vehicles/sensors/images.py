@@ -18,11 +18,14 @@ from wil_campaign.vehicles.readings.image_messages import decode_camera, decode_
 from wil_campaign.vehicles.readings.traits import ReadingTraits, has_moved_half_a_metre
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, angle_between
+from wil_campaign.worlds.geodesy import LocalFrame
 
 _TURNED_RAD = math.radians(20.0)
 """A camera that turns so far has another part of the world in a third of its image."""
 _DISTORTION_LENGTHS = (0, 4, 5, 8, 12, 14)
 """The numbers of distortion coefficients that OpenCV accepts."""
+_DEPTHS_M = (0.02, 100.0)
+"""Of a depth camera: from nearer than any measures to farther than any; millimetres are beyond."""
 _VISIBILITY = "wil_campaign.orchestrator.run.perception.visibility"
 
 
@@ -101,6 +104,18 @@ def _blank_depth(sensor: Any, side: Source) -> DepthReading:
     return DepthReading(0.0, 0.0, 0, side, depth_m, sensor.intrinsics, sensor=sensor.name)
 
 
+def _depth_rest_fault(reading: DepthReading, _: Pose, __: LocalFrame) -> str | None:
+    seen = reading.depth_m[np.isfinite(reading.depth_m)]
+    middle_m = float(np.median(seen)) if seen.size else 1.0
+    least_m, most_m = _DEPTHS_M
+    if least_m <= middle_m <= most_m:
+        return None
+    return (
+        f"half of its distances are {'below' if middle_m < least_m else 'above'} {middle_m:.4g} m: "
+        "its unit is wrong (`depth_m` is in metres, and infinity where nothing came back)"
+    )
+
+
 CAMERA_TRAITS = ReadingTraits(
     fault=_camera_fault,
     decode=decode_camera,
@@ -125,6 +140,7 @@ DEPTH_TRAITS = ReadingTraits(
     compared=_compared_depth,
     has_moved=_has_moved,
     blank=_blank_depth,
+    at_rest=_depth_rest_fault,
     size=_size_text,
     elements="depth_m",
     axes=2,

@@ -1,5 +1,6 @@
 """A pose sensor: motion capture, as far as a recipe mixes it; its `PoseStream` captures it."""
 
+import math
 from typing import Any, ClassVar
 
 from wil_campaign.vehicles.readings import PoseReading
@@ -14,10 +15,15 @@ from wil_campaign.vehicles.readings.messages import (
 )
 from wil_campaign.vehicles.readings.traits import Encoded, Parts, ReadingTraits
 from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions, SensorSpec, TruthRate
-from wil_campaign.worlds.frames import Pose, norm
+from wil_campaign.worlds.frames import Pose, angle_between, norm, subtract
+from wil_campaign.worlds.geodesy import LocalFrame
 
 _UNIT_SLACK = 1e-3
 """On the square of a quaternion's length: single precision over a link stays far below."""
+
+_POSE_M = 3.0
+"""Two sources of a pose differ by less: an estimate at rest drifts by a metre."""
+_ASIDE_RAD = math.radians(45.0)
 
 
 class PoseOptions(SensorOptions):
@@ -63,12 +69,26 @@ def _speed_m_s(reading: PoseReading) -> float | None:
     return None if velocity is None else norm(velocity)
 
 
+def _rest_fault(reading: PoseReading, pose: Pose, _: LocalFrame) -> str | None:
+    apart_m = norm(subtract(reading.pose.position_ned_m, pose.position_ned_m))
+    if apart_m > _POSE_M:
+        return (
+            f"its position is {apart_m:.4g} m from the vehicle's place: its unit or frame is wrong"
+        )
+    turned_rad = angle_between(reading.pose.q_wxyz, pose.q_wxyz)
+    if turned_rad > _ASIDE_RAD:
+        return f"its attitude is {math.degrees(turned_rad):.0f} degrees off: its axes are wrong"
+    return None
+
+
 _TRAITS = ReadingTraits(
     fault=_fault,
     schema=stamped("foxglove.PoseInFrame", pose=POSE_SCHEMA),
     encode=_encode,
     decode=_decode,
     compared=lambda r: (*r.pose.position_ned_m, *r.pose.q_wxyz),
+    at_rest=_rest_fault,
+    in_world=True,
     overlaid=True,
     quantities={"up_m": lambda r: -r.pose.position_ned_m[2], "speed_m_s": _speed_m_s},
 )

@@ -73,7 +73,7 @@ def test_a_distortion_comes_with_its_intrinsics(files: Files) -> None:
 @pytest.mark.parametrize(
     ("sensor", "said"),
     [
-        ("{type: radar}", "must be camera, depth, gps, pose, imu, lidar"),
+        ("{type: radar}", "must be camera, depth, pose, lidar, lidar_points"),
         ("{rate_hz: 5}", "missing key 'type'"),
         ("{type: imu, rate_hz: 400}", "must be at most 250"),
         ("{type: lidar, beems: 5}", "unknown key 'beems'"),

@@ -81,7 +81,7 @@ def _sonar(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_it_is_checked_and_its_elements_are_counted() -> None:
     assert fault_of(echoes(1.0, 2.0)) is None
     wrong = EchoReading(t_s=1.0, arrived_s=1.0, seq=0, source="twin", levels=np.zeros((2, 2)))  # type: ignore[arg-type]
-    fault = fault_of(wrong)  # type: ignore[arg-type]
+    fault = fault_of(wrong)
     assert fault is not None
     assert fault.kind == "type"
     assert ids_fault(np.zeros(3, np.uint8), (2,)) is not None
@@ -113,7 +113,8 @@ def test_it_is_laid_over_another_and_its_objects_are_isolated() -> None:
     for step in (laid, kept):
         assert callable(step.only)
         assert step.only(TRAITS)
-    assert without_ground_truth(below).object_ids is None
+    perceived: Any = without_ground_truth(below)
+    assert perceived.object_ids is None
 
 
 def test_it_is_found_frozen() -> None:

@@ -6,11 +6,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from wil_campaign.plugins.navigation.gauss_markov import GaussMarkovWalk
 from wil_campaign.vehicles.readings import ImuReading, Source
 from wil_campaign.vehicles.readings.faults import Fault, are_finite
 from wil_campaign.vehicles.readings.messages import VECTOR3, Json, stamped, vector
 from wil_campaign.vehicles.readings.traits import Encoded, Parts, ReadingTraits
-from wil_campaign.vehicles.sensors.gauss_markov import GaussMarkovWalk
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
 from wil_campaign.vehicles.sensors.sensor_spec import (
     SensorOptions,
@@ -20,7 +20,15 @@ from wil_campaign.vehicles.sensors.sensor_spec import (
 )
 from wil_campaign.vehicles.sensors.timing import Timing
 from wil_campaign.vehicles.sensors.truth import Truth
-from wil_campaign.worlds.frames import Vec3, norm
+from wil_campaign.worlds.frames import Pose, Vec3, norm, quat_conjugate, rotate
+from wil_campaign.worlds.geodesy import LocalFrame
+
+_G_M_S2 = 9.80665
+_G_FACTOR = 2.0
+"""An accelerometer at rest measures gravity within a few per cent."""
+_ASIDE_RAD = math.radians(45.0)
+_STILL_RAD_S = 0.35
+"""20 deg/s: a gyroscope at rest reports less; one in deg/s for rad/s exceeds it by its noise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,12 +160,34 @@ def _decode(document: Json, _: Parts) -> dict[str, Any]:
     }
 
 
+def _rest_fault(reading: ImuReading, pose: Pose, _: LocalFrame) -> str | None:
+    force = reading.specific_force_frd_m_s2
+    size = norm(force)
+    if not _G_M_S2 / _G_FACTOR < size < _G_M_S2 * _G_FACTOR:
+        return (
+            f"its specific force at rest is {size:.4g}, not {_G_M_S2:.1f} m/s2: its unit is wrong"
+        )
+    expected = rotate(quat_conjugate(pose.q_wxyz), (0.0, 0.0, -_G_M_S2))
+    cos = sum(a * b for a, b in zip(force, expected, strict=True)) / (size * _G_M_S2)
+    if cos < math.cos(_ASIDE_RAD):
+        parts = ", ".join(f"{part:.2f}" for part in force)
+        return (
+            f"its specific force at rest is ({parts}), not about (0, 0, -9.81) m/s2: its axes are "
+            "not forward, right, down"
+        )
+    rate = norm(reading.rates_frd_rad_s)
+    if rate > _STILL_RAD_S:
+        return f"its rate at rest is {rate:.3g} rad/s: its unit is wrong, or the vehicle moves"
+    return None
+
+
 _TRAITS = ReadingTraits(
     fault=_fault,
     schema=stamped("wil.Imu", linear_acceleration=VECTOR3, angular_velocity=VECTOR3),
     encode=_encode,
     decode=_decode,
     compared=lambda r: (*r.specific_force_frd_m_s2, *r.rates_frd_rad_s),
+    at_rest=_rest_fault,
     overlaid=True,
     quantities={
         "force_m_s2": lambda r: norm(r.specific_force_frd_m_s2),
@@ -170,5 +200,5 @@ IMU = SensorSpec(
     ImuOptions,
     _model,
     traits=_TRAITS,
-    mavlink="wil_campaign.vehicles.sources.readings.mavlink_messages:IMU",
+    mavlink="wil_campaign.plugins.navigation.imu_messages:MESSAGES",
 )

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from wil_campaign.plugins.navigation.gauss_markov import GaussMarkovWalk
 from wil_campaign.vehicles.readings import GpsReading, Source
 from wil_campaign.vehicles.readings.faults import Fault, are_finite
 from wil_campaign.vehicles.readings.messages import (
@@ -18,7 +19,6 @@ from wil_campaign.vehicles.readings.messages import (
     vector,
 )
 from wil_campaign.vehicles.readings.traits import Encoded, Parts, ReadingTraits
-from wil_campaign.vehicles.sensors.gauss_markov import GaussMarkovWalk
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
 from wil_campaign.vehicles.sensors.sensor_spec import (
     SensorOptions,
@@ -28,9 +28,13 @@ from wil_campaign.vehicles.sensors.sensor_spec import (
 )
 from wil_campaign.vehicles.sensors.timing import Timing
 from wil_campaign.vehicles.sensors.truth import Truth
-from wil_campaign.worlds.frames import norm
+from wil_campaign.worlds.frames import Pose, norm, subtract
 from wil_campaign.worlds.geodesy import LocalFrame
 
+_ORIGIN_M = 10.0
+_DEVIATIONS = 5.0
+_HEIGHT_M = 1000.0
+"""Height error of a fix that is let pass: worlds' altitudes are read off maps and geoids."""
 _CEP_PER_SIGMA = math.sqrt(2.0 * math.log(2.0))
 """Half of a circular normal distribution lies within this many standard deviations."""
 
@@ -172,6 +176,21 @@ def _decode(document: Json, _: Parts) -> dict[str, Any]:
     }
 
 
+def _rest_fault(reading: GpsReading, pose: Pose, frame: LocalFrame) -> str | None:
+    place = frame.to_ned(reading.latitude_deg, reading.longitude_deg, reading.altitude_m)
+    north_m, east_m, down_m = subtract(place, pose.position_ned_m)
+    apart_m = math.hypot(north_m, east_m)
+    limit_m = _ORIGIN_M + _DEVIATIONS * reading.horizontal_accuracy_m
+    if apart_m <= limit_m and abs(down_m) <= _HEIGHT_M:
+        return None
+    return (
+        f"its fix ({reading.latitude_deg:.6f}, {reading.longitude_deg:.6f}, "
+        f"{reading.altitude_m:.0f} m) is {apart_m:.4g} m beside and {abs(down_m):.4g} m above or "
+        "below the vehicle's place in the world: give the world the latitude, longitude and "
+        "altitude of this place, or correct the unit"
+    )
+
+
 _TRAITS = ReadingTraits(
     fault=_fault,
     schema=stamped(
@@ -185,6 +204,8 @@ _TRAITS = ReadingTraits(
     encode=_encode,
     decode=_decode,
     compared=lambda r: (r.latitude_deg, r.longitude_deg, r.altitude_m),
+    at_rest=_rest_fault,
+    in_world=True,
     overlaid=True,
     quantities={
         "fix_type": lambda r: float(r.fix_type),
@@ -201,5 +222,5 @@ GPS = SensorSpec(
     GpsOptions,
     _model,
     traits=_TRAITS,
-    mavlink="wil_campaign.vehicles.sources.readings.mavlink_messages:GPS",
+    mavlink="wil_campaign.plugins.navigation.gps_messages:MESSAGES",
 )

@@ -5,14 +5,11 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from wil_campaign.plugins.navigation.gps_messages import gps_reading
+from wil_campaign.plugins.navigation.imu_messages import imu_reading
 from wil_campaign.vehicles.readings import GpsReading
 from wil_campaign.vehicles.sources.readings.live_readings import UnusableReadingError
-from wil_campaign.vehicles.sources.readings.mavlink_messages import (
-    Times,
-    gps_reading,
-    imu_reading,
-    stamp_s,
-)
+from wil_campaign.vehicles.sources.readings.mavlink_messages import Times, stamp_s
 
 WHEN = Times(10.0, 10.02, "real")
 
