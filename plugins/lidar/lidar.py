@@ -223,6 +223,7 @@ _TRAITS = ReadingTraits(
     mismatch=beams_mismatch,
     ground_truth=("object_ids",),
     visibility="wil_campaign.plugins.lidar.visibility:SCANS",
+    sketch="wil_campaign.plugins.lidar.scan_sketch:scans_svg",
     quantities={
         "range_m": lambda r: r.ranges_m,
         "nearest_m": lambda r: float(r.ranges_m.min()),

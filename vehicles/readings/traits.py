@@ -54,7 +54,9 @@ class ReadingTraits:
     the real one's time is mixed. is_large: whether it takes long to make, and much memory.
     may_be_empty: whether the twin's is, where its world has nothing within range. visibility:
     `module:name` of its Comparison (orchestrator/run/perception/visibility.py) with the virtual
-    objects that it shows; "" for one that shows none. quantities: what conditions can use of one.
+    objects that it shows; "" for one that shows none. sketch: `module:name` of what draws recorded
+    messages over each other in the report, as SVG or None; "" for none. quantities: what conditions
+    can use of one.
     """
 
     fault: Callable[[Any], Fault | None] | None = None
@@ -76,6 +78,7 @@ class ReadingTraits:
     is_large: bool = False
     may_be_empty: bool = False
     visibility: str = ""
+    sketch: str = ""
     quantities: Mapping[str, Quantity] | None = None
 
 
