@@ -70,7 +70,7 @@ def recipe_steps() -> tuple[RecipeStep, ...]:
         RecipeStep("resize", "wil_campaign.recipes.steps.transform.geometry:resize"),
         RecipeStep("crop", "wil_campaign.recipes.steps.transform.geometry:crop"),
         RecipeStep("camera_model", "wil_campaign.recipes.steps.transform.geometry:camera_model"),
-        RecipeStep("register", "wil_campaign.recipes.steps.transform.registration:register"),
+        RecipeStep("register", "wil_campaign.recipes.steps.transform.geometry:register"),
     )
 
 

@@ -15,12 +15,12 @@ from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.driver.session.repeater import Repeater
 from wil_campaign.vehicles.readings import Reading, Source
+from wil_campaign.vehicles.readings.checks import rest_fault
 from wil_campaign.vehicles.sources.camera_source import ReadingSource, SourceError
 from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings
 from wil_campaign.vehicles.sources.readings.mavlink_messages import MavlinkSensor, mavlink_reading
 from wil_campaign.vehicles.sources.readings.mavlink_readings import MavlinkReadings
 from wil_campaign.vehicles.sources.readings.recorded_readings import ReadingFile, RecordedReadings
-from wil_campaign.vehicles.sources.readings.rest_check import rest_fault
 from wil_campaign.vehicles.sources.source_request import SourceRequest
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose

@@ -12,6 +12,8 @@ from wil_campaign.vehicles.readings.images import CameraReading, DepthReading
 from wil_campaign.vehicles.readings.kinds import Reading, faults_of_types, traits_of
 from wil_campaign.vehicles.readings.numbers import number_fields
 from wil_campaign.worlds.camera import Intrinsics
+from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.geodesy import LocalFrame
 
 
 def fault_of(reading: Reading) -> Fault | None:
@@ -72,3 +74,14 @@ def _numbers(reading: Any) -> Fault | None:
         if not math.isfinite(value := getattr(reading, name)):
             return Fault("not_finite", f"{name} is {value}")
     return None
+
+
+def rest_fault(reading: Reading, *, pose: Pose, frame: LocalFrame) -> str | None:
+    """Return what is wrong with a reading of a vehicle at rest, in words; None for nothing.
+
+    At rest the right values are known closely, and a wrong unit is a factor of nine at the least (g
+    for m/s2), a wrong axis a quarter of a turn. pose: of the vehicle in the world, from the source
+    that judges it. frame: of the world on earth.
+    """
+    check = traits_of(type(reading)).at_rest
+    return None if check is None else check(reading, pose, frame)

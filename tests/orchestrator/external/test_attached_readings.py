@@ -17,13 +17,13 @@ from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.mavlink.names import message_number
 from wil_campaign.vehicles.readings import GpsReading, reading_types
+from wil_campaign.vehicles.readings.checks import rest_fault
 from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings
 from wil_campaign.vehicles.sources.readings.mavlink_messages import (
     MavlinkSensor,
     mavlink_reading,
 )
 from wil_campaign.vehicles.sources.readings.mavlink_readings import MavlinkReadings
-from wil_campaign.vehicles.sources.readings.rest_check import rest_fault
 from wil_campaign.worlds.frames import AT_ORIGIN
 from wil_campaign.worlds.geodesy import LocalFrame
 

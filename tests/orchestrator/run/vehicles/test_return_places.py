@@ -5,13 +5,13 @@ from collections.abc import Mapping
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.autopilots.registry import autopilot_named
-from wil_campaign.vehicles.driver.onboard.mission_protocol import MissionItem
-from wil_campaign.vehicles.driver.onboard.return_places import (
+from wil_campaign.orchestrator.run.vehicles.return_checks import (
     height_above_home_m,
     landing_of,
     places_of,
 )
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.driver.onboard.mission_protocol import MissionItem
 
 LAND, SPEED = mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_DO_CHANGE_SPEED
 WAYPOINT, START = mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_DO_LAND_START

@@ -6,11 +6,11 @@ import pytest
 
 from tests.safety.oracles.oracle_rigs import build, pose, stage
 from wil_campaign.safety.fence.areas import Circle
-from wil_campaign.safety.fence.fence_change import refusal_of_change
 from wil_campaign.safety.fence.geofence import Fence
 from wil_campaign.safety.fence.stopping import Motion
 from wil_campaign.safety.guard.core.commands import NewFences, Operate
 from wil_campaign.safety.guard.core.events import GuardedVehicle, GuardEvent, GuardSettings
+from wil_campaign.safety.guard.core.fence_exchange import refusal_of_change
 from wil_campaign.safety.guard.core.guard_core import GuardCore
 from wil_campaign.safety.guard.core.operator_command import OperatorCommand
 from wil_campaign.safety.model.samples import FenceSample, PoseSample
