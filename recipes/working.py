@@ -3,17 +3,10 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, Protocol, TypeVar
 
-from wil_campaign.vehicles.readings import (
-    CameraReading,
-    DepthReading,
-    LidarPointsReading,
-    LidarScanReading,
-    Mask,
-    MicrophoneReading,
-    Reading,
-)
+from wil_campaign.vehicles.readings import Mask, Reading
+from wil_campaign.vehicles.readings.kinds import traits_of
 from wil_campaign.worlds.frames import Pose
 
 Side = Literal["real", "twin"]
@@ -61,17 +54,30 @@ AnyMasked = Masked[Any]
 
 def element_shape(reading: Reading) -> tuple[int, ...]:
     """Return the shape of a mask for a reading."""
-    if isinstance(reading, CameraReading):
-        return reading.image_bgr.shape[:2]
-    if isinstance(reading, DepthReading):
-        return reading.depth_m.shape
-    if isinstance(reading, LidarScanReading):
-        return reading.ranges_m.shape
-    if isinstance(reading, LidarPointsReading):
-        return reading.points_frd_m.shape[:1]
-    if isinstance(reading, MicrophoneReading):
-        return reading.samples.shape
-    return (1,)
+    traits = traits_of(type(reading))
+    if not traits.elements:
+        return (1,)
+    shape: tuple[int, ...] = getattr(reading, traits.elements).shape
+    return shape[: traits.axes]
+
+
+def refuse_other_elements(name: str, upper: Reading, lower: Reading) -> None:
+    """Raise CannotMixError when two readings of a class have other elements, as other beams."""
+    if differs := traits_of(type(upper)).mismatch(upper, lower):
+        raise CannotMixError("mismatch", f"{name}: {differs}")
+
+
+class TimeLine(Protocol):
+    """The last seconds of readings that last, of one sensor, readable at any time (protocol)."""
+
+    def add(self, reading: Any) -> None:
+        """Add a reading; one not newer than the last changes nothing."""
+
+    def during(self, real: Any, like: Any) -> Any:
+        """Return a reading of exactly the time of a real one, with other facts of another.
+
+        Raises CannotMixError where the line does not have all of that time.
+        """
 
 
 @dataclass(frozen=True, slots=True)

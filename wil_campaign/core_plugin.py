@@ -70,7 +70,7 @@ def recipe_steps() -> tuple[RecipeStep, ...]:
         RecipeStep("resize", "wil_campaign.recipes.steps.transform.geometry:resize"),
         RecipeStep("crop", "wil_campaign.recipes.steps.transform.geometry:crop"),
         RecipeStep("camera_model", "wil_campaign.recipes.steps.transform.geometry:camera_model"),
-        RecipeStep("register", "wil_campaign.recipes.steps.transform.registration:register"),
+        RecipeStep("register", "wil_campaign.recipes.steps.transform.geometry:register"),
     )
 
 
@@ -80,11 +80,5 @@ def sensor_types() -> tuple[SensorKind, ...]:
     return (
         SensorKind("camera", "wil_campaign.vehicles.sensors.lens:CAMERA"),
         SensorKind("depth", "wil_campaign.vehicles.sensors.depth:DEPTH"),
-        SensorKind("lidar", "wil_campaign.vehicles.sensors.lidar:LIDAR"),
-        SensorKind("lidar_points", "wil_campaign.vehicles.sensors.lidar:LIDAR_POINTS"),
-        SensorKind("rangefinder", "wil_campaign.vehicles.sensors.lidar:RANGEFINDER"),
-        SensorKind("gps", "wil_campaign.vehicles.sensors.gps:GPS"),
-        SensorKind("pose", "wil_campaign.vehicles.sensors.sensor_streams:POSE"),
-        SensorKind("imu", "wil_campaign.vehicles.sensors.imu:IMU"),
-        SensorKind("microphone", "wil_campaign.vehicles.sensors.microphone:MICROPHONE"),
+        SensorKind("pose", "wil_campaign.vehicles.sensors.pose:POSE"),
     )

@@ -17,9 +17,9 @@ from wil_campaign.campaigns.values.sensor_setups import CameraSetup
 from wil_campaign.foundation.files.documents import Problem
 from wil_campaign.recipes.model.recipe import Combination, Recipe, Step
 from wil_campaign.recipes.pipeline.sight_check import is_foreseeable, needs_depth, shows_twin
-from wil_campaign.recipes.visibility.model import SHOWING_KINDS
 from wil_campaign.recipes.working import SIDES, Side
 from wil_campaign.vehicles.readings import CameraReading
+from wil_campaign.vehicles.readings.kinds import traits_named
 from wil_campaign.worlds.scene.colors import Rgb
 from wil_campaign.worlds.scene.scene import SceneObject, virtual_only
 
@@ -39,7 +39,7 @@ def hidden_objects(files: CaseFiles, case: Case) -> Iterator[Problem]:
     recipe, world = case.recipe, case.world.scene("wil", "Wv")
     if recipe is None or files.recipe is None:
         return
-    showing = [one for one in recipe.combinations if one.sensor.kind in SHOWING_KINDS]
+    showing = [one for one in recipe.combinations if traits_named(one.sensor.kind).visibility]
     things = set(virtual_only(case.world.scene("wil", "W"), world).values())
     named = named_objects(case) | {name for one in showing for name in one.shows or ()}
     if showing and all(one.isolated() for one in showing):

@@ -3,15 +3,15 @@
 from collections.abc import Iterator, Mapping
 
 from wil_campaign.campaigns.schema import Mode
-from wil_campaign.campaigns.setup.blank_readings import blank_reading
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import Case, VehicleSetup
 from wil_campaign.campaigns.values.sensor_setups import SensorSetup
 from wil_campaign.foundation.files.documents import Document, Path, Problem, closest
 from wil_campaign.recipes.model.recipe import Combination, Recipe
-from wil_campaign.recipes.pipeline.shape_check import shape_mismatch
+from wil_campaign.recipes.pipeline.shape_check import blank_of, shape_mismatch
 from wil_campaign.recipes.working import SIDES, Side
-from wil_campaign.vehicles.readings import CameraReading, DepthReading, LidarScanReading, Reading
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.vehicles.readings.kinds import traits_named, traits_of
 
 _SLACK = 1.001
 """Tolerance for rates that are typed with few digits."""
@@ -79,11 +79,11 @@ def _skew_problems(
 
     Without `register` the twin's readings are streamed. Whatever the phase, some real reading is
     (T - P) / 2 away from both of its neighbours, with T the twin's period and P the mixture's. Of
-    sound the part of the same time is used, however long the blocks are.
+    readings that last, as sound, the part of the same time is used, however long they are.
     """
     timed = any(step.parameters.timed for step in combination.steps)
     if (
-        combination.sensor.kind == "microphone"
+        traits_named(combination.sensor.kind).line is not None
         or timed
         or any(step.kind.name == "register" for step in combination.steps)
     ):
@@ -111,14 +111,16 @@ def _shape_problems(document: Document, recipe: Recipe, case: Case) -> Iterator[
         for side in SIDES:
             sensor = _sensor_named(case.vehicles[side], combination.sensor.name)
             is_fit = sensor is not None and sensor.kind == combination.sensor.kind_of(side)
-            reading = blank_reading(sensor, side) if sensor is not None and is_fit else None
+            reading = blank_of(sensor, side) if sensor is not None and is_fit else None
             if reading is not None:
                 blank[side] = reading
         if len(blank) < len(SIDES):
             continue
         mismatch = shape_mismatch(combination, blank, recipe.document.path.parent)
         if mismatch is not None:
-            sizes = " and ".join(f"{side} {_shape_text(one)}" for side, one in blank.items())
+            sizes = " and ".join(
+                f"{side} {traits_of(type(one)).size(one)}" for side, one in blank.items()
+            )
             message = f"{mismatch.message} ('{combination.sensor.name}' of {sizes})"
             yield document.problem(mismatch.path, message, key=True)
 
@@ -129,9 +131,3 @@ def _rates_hz(vehicle: VehicleSetup) -> dict[str, float | None]:
 
 def _sensor_named(vehicle: VehicleSetup, name: str) -> SensorSetup | None:
     return next((sensor for sensor in vehicle.sensors if sensor.name == name), None)
-
-
-def _shape_text(reading: Reading) -> str:
-    if isinstance(reading, CameraReading | DepthReading):
-        return f"{reading.intrinsics.width_px} x {reading.intrinsics.height_px}"
-    return f"{len(reading.ranges_m)} beams" if isinstance(reading, LidarScanReading) else ""

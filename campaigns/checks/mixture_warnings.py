@@ -8,7 +8,7 @@ from wil_campaign.campaigns.setup.named_objects import named_objects
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
 from wil_campaign.foundation.files.documents import Document, Problem
 from wil_campaign.recipes.model.recipe import Combination
-from wil_campaign.recipes.visibility.model import SHOWING_KINDS
+from wil_campaign.vehicles.readings.kinds import traits_named
 from wil_campaign.worlds.scene.scene import virtual_only
 
 _WIDE_SHARE = 0.05
@@ -66,7 +66,7 @@ def unmixed_objects(files: CaseFiles, case: Case) -> Iterator[Problem]:
     isolating = [
         combination
         for combination in case.recipe.combinations
-        if combination.sensor.kind in SHOWING_KINDS
+        if traits_named(combination.sensor.kind).visibility
     ]
     yield from _named_and_not_shown(
         files.recipe, isolating, named_objects(case) & {*things.values()}

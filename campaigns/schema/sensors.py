@@ -6,11 +6,13 @@ from functools import reduce
 from operator import or_
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, create_model, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, create_model, model_validator
 
 from wil_campaign.campaigns.schema.sources import CarriedPart, SourcedPart, SourcePart
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
 from wil_campaign.foundation.files.documents import KeyFaultError, Later
+from wil_campaign.hooks import sensor_types
+from wil_campaign.installed_plugins import absent
 from wil_campaign.vehicles.readings.kinds import sensor_specs
 from wil_campaign.vehicles.sensors.lens import lens_fault
 from wil_campaign.vehicles.sensors.sensor_spec import MountPart, SensorSpec
@@ -178,7 +180,16 @@ def _part_of(spec: SensorSpec) -> type[SourcedPart]:
 
 def _any_part() -> Any:
     either: Any = reduce(or_, sensor_parts())
-    return Annotated[either, Field(discriminator="type")]
+    one = Annotated[either, Field(discriminator="type")]
+    return Annotated[one, BeforeValidator(_require_installed)]
+
+
+def _require_installed(given: object) -> object:
+    """Return a sensor's keys; raises KeyFaultError for a type whose plugin is absent."""
+    named = given.get("type") if isinstance(given, dict) else None
+    if why := absent(sensor_types).get(str(named)):
+        raise KeyFaultError("type", why)
+    return given
 
 
 SensorPart = Annotated[CarriedPart, Later(_any_part)]

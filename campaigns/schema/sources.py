@@ -22,7 +22,7 @@ from wil_campaign.hooks import image_sources, motion_captures, sources
 from wil_campaign.installed_plugins import absent, added, load
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions
-from wil_campaign.vehicles.sources.readings.mavlink_messages import MESSAGES
+from wil_campaign.vehicles.sources.readings.mavlink_messages import mavlink_reading, messages_of
 
 Milliseconds = Annotated[float, Field(ge=0, le=10_000)]
 Seconds = Annotated[float, Field(gt=0, le=600)]
@@ -274,7 +274,7 @@ class SourcedPart(CarriedPart):
         if self.source is None or self.source.kind != "mavlink":
             return self
         kind = self.type
-        there, wanted = MESSAGES.get(kind, ()), self.source.message
+        there, wanted = messages_of(kind), self.source.message
         if kind != "pose" and not there:
             fault = (
                 f"MAVLink has no message with readings of type {kind}: use tcp:// or an MCAP file"
@@ -285,9 +285,9 @@ class SourcedPart(CarriedPart):
             fault = f"'{wanted}' has no readings of type {kind}; known are: {known}"
             raise KeyFaultError(("source", "message"), fault)
         mount: Any = getattr(self, "mount", None)
-        if kind == "lidar" and (mount.roll_deg or mount.pitch_deg or mount.yaw_deg):
-            fault = "cannot be turned: OBSTACLE_DISTANCE has angles from the vehicle's own heading"
-            raise KeyFaultError("mount", fault)
+        level = "" if (read := mavlink_reading(kind)) is None else read.level
+        if level and (mount.roll_deg or mount.pitch_deg or mount.yaw_deg):
+            raise KeyFaultError("mount", f"cannot be turned: {level}")
         for key, owner in (("id", "rangefinder"), ("undulation_m", "gps")):
             if key in self.source.model_fields_set and kind != owner:
                 raise KeyFaultError(("source", key), f"applies to a {owner} only")
@@ -298,7 +298,7 @@ class SourcedPart(CarriedPart):
 
         Raises KeyFaultError for a message that this autopilot never sends, or without a known unit.
         """
-        there = MESSAGES.get(self.type, ())
+        there = messages_of(self.type)
         if self.source is None or self.source.kind != "mavlink" or not there:
             return None
         given = self.source.message

@@ -1,7 +1,7 @@
 """External readings of sensors other than cameras: opened, checked at rest, watched for stalls."""
 
 import asyncio
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from contextlib import AsyncExitStack
 from typing import Any
 
@@ -15,13 +15,12 @@ from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.vehicle_context import VehicleContext
 from wil_campaign.vehicles.driver.session.repeater import Repeater
 from wil_campaign.vehicles.readings import Reading, Source
-from wil_campaign.vehicles.sensors.lidar import LidarOptions, RangingOptions
+from wil_campaign.vehicles.readings.checks import rest_fault
 from wil_campaign.vehicles.sources.camera_source import ReadingSource, SourceError
 from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings
-from wil_campaign.vehicles.sources.readings.mavlink_messages import Beams, StatedReach
-from wil_campaign.vehicles.sources.readings.mavlink_readings import MavlinkReadings, MavlinkSensor
+from wil_campaign.vehicles.sources.readings.mavlink_messages import MavlinkSensor, mavlink_reading
+from wil_campaign.vehicles.sources.readings.mavlink_readings import MavlinkReadings
 from wil_campaign.vehicles.sources.readings.recorded_readings import ReadingFile, RecordedReadings
-from wil_campaign.vehicles.sources.readings.rest_check import rest_fault
 from wil_campaign.vehicles.sources.source_request import SourceRequest
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
@@ -31,14 +30,6 @@ _POLL_S = 0.05
 _REQUEST_AGAIN_S = 1.0
 """A radio of 57600 baud carries some 100 requests a second, beside the telemetry."""
 _ESTIMATE = "LOCAL_POSITION_NED with ATTITUDE_QUATERNION"
-_REMEDIES: Mapping[str, str] = {
-    "DISTANCE_SENSOR": "connect a rangefinder and enable it on the autopilot (ArduPilot: "
-    "RNGFND1_TYPE; PX4: the SENS_EN_ parameter of its driver)",
-    "OBSTACLE_DISTANCE": "PX4 sends it when it has range sensors for its collision prevention "
-    "(CP_DIST)",
-    "GPS_RAW_INT": "connect a receiver, and wait for its 3-D fix",
-    "GPS2_RAW": "connect a second receiver, and wait for its 3-D fix",
-}
 _OTHER_REMEDY = "let the autopilot send it on this link, or name another by `message`"
 
 
@@ -58,7 +49,12 @@ class ExternalReadings(ExternalSource):
         """Attach the vehicle whose sensor this is; before it is identified."""
         super().attach(context)
         if self._from_setup.kind == "mavlink":
-            feed = MavlinkReadings(sensor=self._mavlink_sensor(), side=self._side, into=self._live)
+            feed = MavlinkReadings(
+                sensor=self._mavlink_sensor(),
+                side=self._side,
+                into=self._live,
+                read=mavlink_reading(self._setup.kind),
+            )
             feed.attach(context.driver)
 
     async def ready(self, *, frame: LocalFrame | None) -> None:
@@ -118,30 +114,23 @@ class ExternalReadings(ExternalSource):
         if source.kind != "mavlink" and source.shown_as == "live":
             live: LiveReadings = self._made_by_plugin()
             return live
+        read = mavlink_reading(sensor.kind)
         return LiveReadings(
             name=f"{self._side} {sensor.name} from {source.address}",
             what=source.message or _ESTIMATE,
             stall_s=source.stall_s,
-            remedy=_REMEDIES.get(source.message or "", _OTHER_REMEDY),
+            remedy=({} if read is None else read.remedies).get(source.message or "", _OTHER_REMEDY),
         )
 
     def _mavlink_sensor(self) -> MavlinkSensor:
         """Return how the sensor's MAVLink messages are read."""
         sensor, source = self._setup, self._from_setup
-        options = sensor.options if isinstance(sensor, OtherSetup) else None
-        beams, reach = None, StatedReach()
-        if isinstance(options, LidarOptions):
-            pattern = options.pattern
-            beams = Beams(pattern.beams, pattern.start_angle_rad, pattern.step_rad)
-        if isinstance(options, RangingOptions):
-            reach = StatedReach(min_m=options.range_min_m, max_m=options.range_max_m)
         return MavlinkSensor(
             message=source.message,
             rate_hz=sensor.rate_hz,
+            options=sensor.options if isinstance(sensor, OtherSetup) else None,
             mount=self._mount,
-            reach=reach,
             sensor_id=source.sensor_id,
-            beams=beams,
             undulation_m=source.undulation_m,
         )
 

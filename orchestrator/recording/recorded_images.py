@@ -20,17 +20,13 @@ from wil_campaign.foundation.files.limits import MAX_IMAGE_PIXELS
 from wil_campaign.orchestrator.installation import flown_program
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_bodies import digest_of, jpeg_of
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import (
-    Parts,
-    camera_of,
-    drawing_of,
-    image_of,
-)
-from wil_campaign.orchestrator.recording.mcap.mcap_json import Json, bytes_of
 from wil_campaign.orchestrator.recording.recording_facts import quality_in, scene_digest, world_in
 from wil_campaign.vehicles.cameras.camera_effects import NOISE_ROLL_PX
 from wil_campaign.vehicles.perception.depth_colors import far_of
 from wil_campaign.vehicles.readings import Drawing
+from wil_campaign.vehicles.readings.image_messages import camera_of, drawing_of, image_of
+from wil_campaign.vehicles.readings.messages import Json, bytes_of
+from wil_campaign.vehicles.readings.traits import Parts
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.world_file.world_schema import Mode, Which
 

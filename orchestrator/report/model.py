@@ -6,6 +6,7 @@ Times are on the run clock, seconds; positions NED metres in the world's local f
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from wil_campaign.orchestrator.reading.model import Commanded
 from wil_campaign.orchestrator.run_results.run_result import RunResult
@@ -199,16 +200,13 @@ class Mark:
 
 
 @dataclass(frozen=True, slots=True)
-class Scan:
-    """A planar lidar scan. Angles in radians, to the right from forward; None: no return."""
+class Sketched:
+    """A reading that is no image, and is drawn as its type does. document: its recorded message."""
 
     source: str
     t_s: float
-    delivered_s: float
-    start_angle_rad: float
-    step_rad: float
-    range_max_m: float
-    ranges_m: tuple[float | None, ...]
+    kind: str
+    document: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,8 +218,8 @@ class Sight:
     """
 
     wanted_s: float
-    perceived: Frame | Scan
-    beside: tuple[Frame | Scan, ...] = ()
+    perceived: Frame | Sketched
+    beside: tuple[Frame | Sketched, ...] = ()
     figures: tuple[tuple[str, str], ...] = ()
     sensor: str = ""
     marks: tuple[Mark, ...] = ()

@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 from wil_campaign.foundation.files.limited_json import loads_limited
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import End, RecordStream
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import Parts, decode, image_of
-from wil_campaign.orchestrator.recording.mcap.mcap_json import Json
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode
 from wil_campaign.orchestrator.recording.recorded_images import (
     NotDrawnAgainError,
     RecordedImages,
 )
 from wil_campaign.vehicles.readings import Drawing, Reading, Source
+from wil_campaign.vehicles.readings.image_messages import image_of
+from wil_campaign.vehicles.readings.messages import Json
+from wil_campaign.vehicles.readings.traits import Parts
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 

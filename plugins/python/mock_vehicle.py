@@ -19,10 +19,10 @@ from wil_campaign.foundation.files.documents import BadInput
 from wil_campaign.foundation.processes.child import how_it_ended
 from wil_campaign.foundation.processes.feed_socket import feed_environment, feed_pair
 from wil_campaign.foundation.tasks import finish
+from wil_campaign.plugins.python.standalone_settings import standalone_settings
 from wil_campaign.vehicles.autopilots.registry import autopilot_named
 from wil_campaign.vehicles.embedded.process.feed import MakeFault, to_vehicle
 from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
-from wil_campaign.vehicles.embedded.process.standalone_settings import standalone_settings
 from wil_campaign.vehicles.faults import Fault, FaultError, parse_fault
 from wil_campaign.vehicles.links.link_strings import LinkAddress, parse_link
 

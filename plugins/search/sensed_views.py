@@ -22,6 +22,9 @@ from wil_campaign.campaigns.values.sensor_setups import (
 )
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.plugins.lidar.beams import grid_directions, plane_directions
+from wil_campaign.plugins.lidar.lidar import LidarOptions
+from wil_campaign.plugins.lidar.lidar_points import LidarPointsOptions
 from wil_campaign.plugins.search.exploration.sensed import SECTORS, Cell, SensedView, level_of
 from wil_campaign.safety.evaluation.judge_log import (
     ActorPose,
@@ -33,10 +36,7 @@ from wil_campaign.safety.model.samples import PoseSample, StageSample
 from wil_campaign.vehicles.sensors.beams import (
     Directions,
     RayHits,
-    grid_directions,
-    plane_directions,
 )
-from wil_campaign.vehicles.sensors.lidar import LidarOptions, LidarPointsOptions
 from wil_campaign.vehicles.sensors.world_views import WorldRays
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, matrix_from_quat

@@ -8,13 +8,13 @@ from pydantic import ValidationError
 
 from wil_campaign.foundation.files.documents import load
 from wil_campaign.orchestrator.cli.standard_streams import err
-from wil_campaign.vehicles.autopilots.registry import autopilot_named
-from wil_campaign.vehicles.embedded.process.embedded_process import Companion, run_process
-from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
-from wil_campaign.vehicles.embedded.process.standalone_settings import (
+from wil_campaign.plugins.python.standalone_settings import (
     check_parameter,
     standalone_settings,
 )
+from wil_campaign.vehicles.autopilots.registry import autopilot_named
+from wil_campaign.vehicles.embedded.process.embedded_process import Companion, run_process
+from wil_campaign.vehicles.embedded.process.process_settings import ProcessSettings
 from wil_campaign.vehicles.embedded.profile import ProfileError, load_profile
 from wil_campaign.vehicles.faults import FaultError, parse_fault
 from wil_campaign.vehicles.links.link_strings import LinkAddressError

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from wil_campaign.foundation.files.documents import Document, Path, Problem, closest
 from wil_campaign.recipes.model.registry import StepParameters, StepType
 from wil_campaign.recipes.working import Side
+from wil_campaign.vehicles.readings.kinds import traits_named
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,10 +95,10 @@ class Combination:
     def tolerated(self, side: Side) -> frozenset[str]:
         """Return the reading faults that the recipe's steps correct, or that are no faults.
 
-        The twin's cloud may be empty: a virtual world need not have an object within range.
+        The twin's may be empty where its world need not have an object within range.
         """
         of_side = (step.parameters for step in self.steps if side in step.parameters.sides())
-        may_be_empty = side == "twin" and self.sensor.kind_of(side) == "lidar_points"
+        may_be_empty = side == "twin" and traits_named(self.sensor.kind_of(side)).may_be_empty
         start = frozenset({"empty"} if may_be_empty else ())
         return start.union(*(parameters.tolerates for parameters in of_side))
 

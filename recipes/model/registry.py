@@ -17,6 +17,8 @@ from wil_campaign.hooks import recipe_steps
 from wil_campaign.installed_plugins import loaded
 from wil_campaign.recipes.working import Built, Need, Side
 from wil_campaign.vehicles.readings import sensor_names
+from wil_campaign.vehicles.readings.kinds import traits_named
+from wil_campaign.vehicles.readings.traits import ReadingTraits
 
 Stage = Literal["transform", "filter", "merge"]
 OWN_STEP = "use"
@@ -117,13 +119,14 @@ class Context:
 class StepType:
     """A registered step: its name, stage, parameters and builder.
 
-    only: the types that it works on; none for all. gives: the type into which it converts one of
-    these, where that is a different one. summary: one sentence.
+    only: the types that it works on, none for all; or whether it works on readings with some
+    traits. gives: the type into which it converts one of these, where that is a different one.
+    summary: one sentence.
     """
 
     name: str
     stage: Stage
-    only: tuple[str, ...]
+    only: tuple[str, ...] | Callable[[ReadingTraits], bool]
     parameters: type[StepParameters]
     summary: str
     build: Callable[[Any, Context], Built]
@@ -132,7 +135,9 @@ class StepType:
     @property
     def sensors(self) -> tuple[str, ...]:
         """Return the types of sensors that the step works on."""
-        return self.only or sensor_names()
+        if not callable(self.only):
+            return self.only or sensor_names()
+        return tuple(name for name in sensor_names() if self.only(traits_named(name)))
 
 
 P = TypeVar("P", bound=StepParameters)
@@ -143,7 +148,7 @@ def step(
     name: str,
     *,
     stage: Stage,
-    sensors: tuple[str, ...],
+    sensors: tuple[str, ...] | Callable[[ReadingTraits], bool],
     parameters: type[P],
     gives: Mapping[str, str] | None = None,
 ) -> Callable[[Callable[[P, Context], B]], StepType]:

@@ -3,7 +3,8 @@
 from collections import Counter, deque
 
 from wil_campaign.vehicles.readings import Reading, sensor_type_of
-from wil_campaign.vehicles.readings.checks import Fault, fault_after, fault_of
+from wil_campaign.vehicles.readings.checks import fault_after, fault_of
+from wil_campaign.vehicles.readings.faults import Fault
 
 _REMEMBERED = 64
 

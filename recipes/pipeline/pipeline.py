@@ -10,7 +10,6 @@ from typing import TypeVar, cast
 
 from wil_campaign.recipes.model.recipe import Combination, Recipe
 from wil_campaign.recipes.model.registry import Context
-from wil_campaign.recipes.operations.audio import TimeLine
 from wil_campaign.recipes.pipeline.autonomy_readings import autonomy_reading
 from wil_campaign.recipes.pipeline.intake import Intake
 from wil_campaign.recipes.pipeline.mixture import MixCounts, Mixed, Provenance, StageTime
@@ -31,8 +30,10 @@ from wil_campaign.recipes.working import (
     Need,
     PoseRequest,
     Side,
+    TimeLine,
 )
-from wil_campaign.vehicles.readings import MicrophoneReading, Reading
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.vehicles.readings.kinds import traits_named
 
 __all__ = ["Mixer", "Stopwatch", "compile_recipe"]
 
@@ -112,8 +113,9 @@ class Mixer:
         self._real, self._twin = (
             Intake(side, sensor.kind_of(side), combination.tolerated(side)) for side in SIDES
         )
-        is_sound = all(sensor.kind_of(side) == "microphone" for side in SIDES)
-        self._twin_sound = TimeLine(is_steady=True) if is_sound else None
+        real, twin = (traits_named(sensor.kind_of(side)) for side in SIDES)
+        make = twin.line if real is twin else None
+        self._twin_line: TimeLine | None = None if make is None else make()
         self._frames = 0
         self._mixed = 0
         self._dropped: Counter[DropReason] = Counter()
@@ -137,14 +139,14 @@ class Mixer:
     def offer(self, side: Side, reading: Reading) -> str | None:
         """Offer an arriving reading to the pipeline; a step or the pairing may select it later.
 
-        Readings that are passed to `mix` need not be offered, except the twin's blocks of sound:
-        `mix` uses what sounded during the real block. Returns the fault of a bad one in words; it
-        is counted, and must not be mixed.
+        Readings that are passed to `mix` need not be offered, except those of the twin that last,
+        as sound: `mix` uses the part of the real one's time. Returns the fault of a bad one in
+        words; it is counted, and must not be mixed.
         """
         intake = self._real if side == "real" else self._twin
         fault = intake.fault_of(reading)
-        if fault is None and side == "twin" and self._twin_sound is not None:
-            self._twin_sound.add(cast("MicrophoneReading", reading))
+        if fault is None and side == "twin" and self._twin_line is not None:
+            self._twin_line.add(reading)
         elif fault is None:
             passed: Reading | None = reading
             for stage in self._stages:
@@ -229,11 +231,11 @@ class Mixer:
 
         Raises CannotMixError where that is not known.
         """
-        if self._twin_sound is None:
+        if self._twin_line is None:
             return twin
-        block = cast("MicrophoneReading", twin)
-        self._twin_sound.add(block)
-        return self._twin_sound.block_during(cast("MicrophoneReading", real), like=block)
+        self._twin_line.add(twin)
+        during: Reading = self._twin_line.during(real, twin)
+        return during
 
     def _overdue(self, sides: dict[Side, AnyMasked], now_s: float) -> CannotMixError | None:
         """Remove the twin's reading from the frame when its skew or age exceeds the limit."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path as FilePath
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from wil_campaign.foundation.files.documents import Path
 from wil_campaign.recipes.model.recipe import Combination, Step
@@ -22,6 +22,7 @@ from wil_campaign.recipes.working import (
     Side,
 )
 from wil_campaign.vehicles.readings import Reading
+from wil_campaign.vehicles.readings.kinds import traits_named
 
 T = TypeVar("T")
 
@@ -32,6 +33,12 @@ class ShapeMismatch:
 
     path: Path
     message: str
+
+
+def blank_of(sensor: Any, side: Side) -> Reading | None:
+    """Return an empty reading as large as those of a sensor, by its setup; None without a size."""
+    blank = traits_named(sensor.kind).blank
+    return None if blank is None else blank(sensor, side)
 
 
 def shape_mismatch(

@@ -14,9 +14,6 @@ Ranges = NDArray[np.float64]
 
 Unit = Literal["px", "m"]
 
-SHOWING_KINDS = frozenset({"camera", "depth", "lidar", "lidar_points", "rangefinder"})
-"""Types of sensors whose readings show objects."""
-
 
 @dataclass(frozen=True, slots=True)
 class Virtual:

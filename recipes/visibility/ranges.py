@@ -1,6 +1,5 @@
-"""Visibility of virtual objects in mixed ranges: beams, depth pixels, points. Pure."""
+"""Visibility of virtual objects in mixed ranges: beams, and depth pixels. Pure."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +12,6 @@ from wil_campaign.recipes.visibility.model import (
     ObjectVisibility,
     Virtual,
 )
-from wil_campaign.worlds.jit import F64, Int, compiled
 
 SHOWN_SHARE = 0.5
 """Least share of the beams expected on an object that have to show its range."""
@@ -59,9 +57,9 @@ def compare_ranges(
         nearer = mixed_m < real_m - limits_m(mixed_m)
         away = nearer & (mixed_m < np.minimum(due, nearest_m) - limit)
     visible = virtual.mask_of(expected.ids) & is_clear & is_distinct
-    elements = _Elements(error, nearer, (error <= limit) & ~is_real, limit)
+    elements = Elements(error, nearer, (error <= limit) & ~is_real, limit)
     objects = tuple(
-        _object(name, visible & (expected.ids == object_id), elements, least)
+        object_visibility(name, visible & (expected.ids == object_id), elements, least)
         for object_id, name in virtual.names.items()
     )
     not_mixed = virtual.not_mixed_in(np.where(is_clear, expected.ids, np.uint8(0)), least=least)
@@ -74,87 +72,17 @@ def compare_ranges(
     return FrameVisibility(t_s, objects, changed, _share(away), unexpected, not_mixed)
 
 
-def compare_points(
-    *,
-    t_s: float,
-    real_m: NDArray[np.float32],
-    mixed_m: NDArray[np.float32],
-    expected_m: NDArray[np.float64],
-    ids: NDArray[np.uint8],
-    virtual: Virtual,
-) -> FrameVisibility:
-    """Return the visibility of virtual objects in a mixed point cloud, by its ranges.
-
-    real_m, mixed_m: (points, 3) in one sensor frame, the real cloud as the merge received it.
-    expected_m: (elements, 3), the points expected from geometry, in that frame; ids: (elements,).
-    """
-    added = _added_points(real_m, mixed_m)
-    due = virtual.mask_of(ids)
-    distance = np.full(len(expected_m), np.inf)
-    if due.any() and len(added):
-        distance[due] = nearest_m(expected_m[due], added)
-    limit = limits_m(np.linalg.norm(expected_m, axis=1))
-    drawn = np.full(len(expected_m), len(added) >= LEAST_ELEMENTS)
-    elements = _Elements(distance, drawn, distance <= limit, limit)
-    objects = tuple(
-        _object(name, due & (ids == object_id), elements, LEAST_ELEMENTS)
-        for object_id, name in virtual.names.items()
-    )
-    not_mixed = virtual.not_mixed_in(ids, least=LEAST_ELEMENTS)
-    changed = len(added) / max(1, len(mixed_m))
-    return FrameVisibility(t_s, objects, changed, not_mixed=not_mixed)
-
-
-def nearest_m(points_m: NDArray[np.float64], cloud_m: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return the distance of each point to the nearest point of a cloud, metres; both (n, 3)."""
-    axis = int(np.argmax(np.ptp(cloud_m, axis=0)))
-    cloud = cloud_m[np.argsort(cloud_m[:, axis])].astype(np.float64)
-    places = np.searchsorted(cloud[:, axis], points_m[:, axis])
-    found = np.empty(len(points_m))
-    _search_nearest(points_m, cloud, axis, places, found)
-    return found
-
-
-@compiled
-def _search_nearest(points: F64, cloud: F64, axis: Int, places: Int, found: F64) -> None:
-    """Set the distance of each point to a cloud that is sorted along an axis.
-
-    places: of each point in that order. From there the search goes both ways, until the distance
-    along the axis alone is more than the least that was found.
-    """
-    for index in range(len(points)):
-        point = points[index]
-        least = np.inf
-        for step in (-1, 1):
-            place = places[index] + min(step, 0)
-            while 0 <= place < len(cloud):
-                other = cloud[place]
-                if (other[axis] - point[axis]) ** 2 >= least:
-                    break
-                squared = (point[0] - other[0]) ** 2
-                squared += (point[1] - other[1]) ** 2
-                squared += (point[2] - other[2]) ** 2
-                least = min(least, squared)
-                place += step
-        found[index] = math.sqrt(least)
-
-
-def _added_points(real_m: NDArray[np.float32], mixed_m: NDArray[np.float32]) -> NDArray[np.float32]:
-    mine = np.ascontiguousarray(mixed_m).view([("", mixed_m.dtype)] * 3).reshape(-1)
-    theirs = np.ascontiguousarray(real_m, mixed_m.dtype).view(mine.dtype).reshape(-1)
-    return mixed_m[~np.isin(mine, theirs)]
-
-
 def _share(mask: Mask) -> float:
     """Return the share of ranges in a mask; 0 for none."""
     return float(mask.mean()) if mask.size else 0.0
 
 
 @dataclass(frozen=True, slots=True)
-class _Elements:
-    """The compared ranges. error: of each. nearer: where the mixture is nearer than the real one.
+class Elements:
+    """The compared ranges, metres. error, limit: of each.
 
-    right: where it has the virtual object's range, and not the real one.
+    nearer: where the mixture is nearer than the real one. right: where it has the virtual object's
+    range, and not the real one.
     """
 
     error: NDArray[np.float64]
@@ -163,7 +91,8 @@ class _Elements:
     limit: NDArray[np.float64]
 
 
-def _object(name: str, own: Mask, elements: _Elements, least: float) -> ObjectVisibility:
+def object_visibility(name: str, own: Mask, elements: Elements, least: float) -> ObjectVisibility:
+    """Return the visibility of an object. own: the ranges that are expected on it."""
     error, right, limit = elements.error, elements.right, elements.limit
     count = int(np.count_nonzero(own))
     in_view = count >= max(1.0, least)

@@ -172,6 +172,7 @@ def forget_plugins() -> None:
     emulations.cache_clear()
     for known in (kinds.sensor_specs, kinds.reading_types, kinds.faults_of_types, kinds._names):
         known.cache_clear()
+    kinds._traits.cache_clear()
 
 
 @pytest.fixture
@@ -919,6 +920,17 @@ def write_recipe_of_steps(folder: Path) -> Path:
     return path
 
 
+def write_recipe_of_types(folder: Path) -> Path:
+    """Write a recipe of all types of sensors that shipped plugins have, and return its path."""
+    path = folder / "types.yaml"
+    types = ", ".join(f"{name}: {{type: {name}}}" for name in shipped("sensor_types"))
+    path.write_text(
+        f"schema: wil/recipe/1\nsensors: {{{types}}}\n"
+        "combine: [{sensor: lidar, merge: overlay, publish: [real]}]\n"
+    )
+    return path
+
+
 def write_with_mesh(folder: Path, suffix: str) -> Path:
     """Write a campaign in whose world a mesh stands, and return its path."""
     file = write_hover(folder).rename(folder / f"mesh{suffix}.yaml")
@@ -976,9 +988,9 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     ]
     mocap = ("udp://127.0.0.1:5570", "tcp://h:5570")
     words += [["run", gate, *one, "--set", f"vehicles.real.mocap={name}"] for name in mocap]
-    gps = "vehicles.real.sensors.gps={type: gps, source: '%s'}"
+    captured = "vehicles.real.sensors.place={type: pose, source: '%s'}"
     words += [
-        ["run", gate, *one, "--set", gps % name]
+        ["run", gate, *one, "--set", captured % name]
         for name in ("tcp://h:5555", "a.mcap", "rtp://h:1", "realsense://1")
     ]
     words += [["validate", str(write_with_mesh(tmp_path, end))] for end in shipped("mesh_formats")]
@@ -1005,6 +1017,11 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
         ),
         ["run", gate, *one, "--set", "vehicles.real.spare_links=[udpin://0.0.0.0:14550]"],
         *(["report", str(tmp_path), f"--{name}"] for name in shipped("report_images")),
+        *(
+            ["run", gate, *one, "--set", f"vehicles.real.sensors.more={{type: {name}}}"]
+            for name in shipped("sensor_types")
+        ),
+        ["validate", str(write_recipe_of_types(tmp_path))],
     ]
     done = subprocess.run(  # noqa: S603 - our own interpreter
         [sys.executable, "-P", "-c", ABSENT.format(words=words, out=str(tmp_path / "out"))],
@@ -1021,7 +1038,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
         *("operator_channels", "run_options", "autonomy_kinds", "run_observers", "oracles"),
         *("image_sources", "sources", "mesh_formats", "recipe_steps", "problem_formats"),
         *("recording_formats", "motion_captures", "report_images", "autopilots"),
-        *("launches", "links", "link_layers"),
+        *("launches", "links", "link_layers", "sensor_types"),
     )
     named += [name for hook in hooks_of_rest for name in shipped(hook)]
     assert codes[3:] == [2] * (len(words) - 3)
@@ -1034,6 +1051,7 @@ def test_gate_flies_without_any_plugin_and_absent_parts_are_named(tmp_path: Path
     assert "written: True False\nnamed: BadInput\n" in done.stdout
     for name, plugin in (("run", "python"), ("Recording", "python"), ("Study", "statistics")):
         assert f"'{name}' is of the plugin {plugin}, which is not installed: pip " in done.stdout
+    assert re.search(r"types\.yaml:2:\d+: 'microphone' is of the plugin microphone, ", done.stderr)
     assert absent(hooks.commands) == {}
 
 

@@ -176,7 +176,7 @@ def test_a_sensor_of_a_plugin_is_listed_and_in_the_schemas(folder: Path) -> None
     ("good", "bad", "said"),
     [
         ("declination_deg: 90", "declinaton_deg: 9", "did you mean 'declination_deg'?"),
-        ("type: magnetometer}}}", "type: magnetic}}}", "imu, microphone or magnetometer"),
+        ("type: magnetometer}}}", "type: magnetic}}}", "microphone, gps, imu or magnetometer"),
         ("recipe.yaml", "colour.yaml", "step 'resize' works on camera and depth, not on magn"),
         ("{mag: {type: magnetometer}}", "{mag: {type: imu}}", "vehicle 'real' has no magnetometer"),
     ],

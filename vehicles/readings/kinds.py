@@ -3,10 +3,13 @@
 from collections.abc import Callable, Mapping
 from functools import cache
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
+from pydantic import BeforeValidator
+
+from wil_campaign.foundation.files.documents import KeyFaultError
 from wil_campaign.hooks import sensor_types
-from wil_campaign.installed_plugins import added, loaded
+from wil_campaign.installed_plugins import absent, added, loaded
 from wil_campaign.vehicles.readings.images import CameraReading, DepthReading
 from wil_campaign.vehicles.readings.navigation import GpsReading, ImuReading, PoseReading
 from wil_campaign.vehicles.readings.numbers import NumbersReading
@@ -16,6 +19,7 @@ from wil_campaign.vehicles.readings.ranging import (
     RangefinderReading,
 )
 from wil_campaign.vehicles.readings.sound import MicrophoneReading
+from wil_campaign.vehicles.readings.traits import NUMBERS, ReadingTraits
 
 Reading = (
     CameraReading
@@ -38,7 +42,14 @@ def sensor_names() -> tuple[str, ...]:
 
 def one_of_names() -> Any:
     """Return the type of a key that names a sensor type."""
-    return Literal[sensor_names()]
+    return Annotated[Literal[sensor_names()], BeforeValidator(_require_installed)]
+
+
+def _require_installed(name: object) -> object:
+    """Return the name of a sensor type; raises KeyFaultError where its plugin is absent."""
+    if why := absent(sensor_types).get(str(name)):
+        raise KeyFaultError((), why)
+    return name
 
 
 @cache
@@ -60,6 +71,22 @@ def faults_of_types() -> Mapping[type[Any], Callable[[Any], str]]:
 
 
 @cache
+def _traits() -> Mapping[type[Any], ReadingTraits]:
+    return MappingProxyType({spec.reading: spec.traits for spec in sensor_specs().values()})
+
+
+def traits_of(kind: type[Any]) -> ReadingTraits:
+    """Return the traits of a class of readings; those of numbers for one that no type has."""
+    return _traits().get(kind, NUMBERS)
+
+
+def traits_named(sensor_type: str) -> ReadingTraits:
+    """Return the traits of the readings of a sensor type by its name in files."""
+    traits: ReadingTraits = sensor_specs()[sensor_type].traits
+    return traits
+
+
+@cache
 def _names() -> Mapping[type[Any], str]:
     return MappingProxyType({kind: name for name, kind in reading_types().items()})
 
@@ -70,6 +97,11 @@ def sensor_type_of(reading: Reading) -> str:
 
 
 def end_s(reading: Reading) -> float:
-    """Return when a reading ends: a block of sound after its last sample, any other at its time."""
-    length_s = reading.duration_s if isinstance(reading, MicrophoneReading) else 0.0
-    return reading.t_s + length_s
+    """Return when a reading ends: one that lasts after its last sample, any other at its time."""
+    return reading.t_s + duration_s(reading)
+
+
+def duration_s(reading: Any) -> float:
+    """Return how long a reading lasts: 0 for one of a moment."""
+    length_s: float = 0.0 if traits_of(type(reading)).line is None else reading.duration_s
+    return length_s

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wil_campaign.vehicles.readings import CameraReading, DepthImage, DepthReading
+from wil_campaign.vehicles.sensors.images import DEPTH_TRAITS
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
 from wil_campaign.vehicles.sensors.sensor_spec import SensorSpec
 
@@ -82,4 +83,4 @@ class DepthSensor:
         return self._tile[row : row + height, column : column + width]
 
 
-DEPTH = SensorSpec("depth", DepthReading)
+DEPTH = SensorSpec("depth", DepthReading, traits=DEPTH_TRAITS)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from wil_campaign.vehicles.cameras.rendered_cameras import ImageSource, RenderedImage, moving_in
 from wil_campaign.vehicles.readings import BgrImage, CameraReading, DepthImage, IdImage
+from wil_campaign.vehicles.sensors.images import CAMERA_TRAITS
 from wil_campaign.vehicles.sensors.sensor_spec import SensorSpec
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
@@ -166,4 +167,4 @@ def _matrix(intrinsics: Intrinsics) -> NDArray[np.float64]:
     return np.array([[i.fx_px, 0, i.cx_px], [0, i.fy_px, i.cy_px], [0, 0, 1.0]])
 
 
-CAMERA = SensorSpec("camera", CameraReading)
+CAMERA = SensorSpec("camera", CameraReading, traits=CAMERA_TRAITS)

@@ -13,6 +13,7 @@ from pydantic import Field
 
 from wil_campaign.foundation.files.documents import Part
 from wil_campaign.vehicles.readings import Reading, Source
+from wil_campaign.vehicles.readings.traits import NUMBERS, ReadingTraits
 from wil_campaign.vehicles.sensors.beams import RayCaster
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
 from wil_campaign.vehicles.sensors.timing import Timing
@@ -117,11 +118,12 @@ class SensorSpec:
     """A type of sensors.
 
     name: in campaigns and recipes. reading: the class of its readings, which derives from
-    `NumbersReading`. options: its keys. model: a function of the options and of the site, which
-    returns the sensor of a vehicle, or of the twin, which senses at any pose. fault: a function of
-    a reading, which returns what is wrong with it, or ""; a number that is not finite is refused
-    before. The core's own readings are more than numbers and have their checks, messages and
-    decoders by class; its cameras' keys are in campaigns/schema/sensors.py.
+    `NumbersReading`. options: its keys; those of cameras are in campaigns/schema/sensors.py. model:
+    a function of the options and of the site, which returns the sensor of a vehicle, or of the
+    twin, which senses at any pose. fault: a function of a reading, which returns what is wrong with
+    it, or ""; a number that is not finite is refused before. traits: of readings that are more than
+    numbers. mavlink: `module:name` of the `MavlinkReading` that reads them of a vehicle's messages
+    (vehicles/sources/readings/mavlink_messages.py); "" for none.
     """
 
     name: str
@@ -129,3 +131,5 @@ class SensorSpec:
     options: type[SensorOptions] = SensorOptions
     model: Callable[[Any, SensorSite], Sensor] | None = None
     fault: Callable[[Any], str] | None = None
+    traits: ReadingTraits = NUMBERS
+    mavlink: str = ""

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable
 from dataclasses import replace
-from typing import ClassVar, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from wil_campaign.vehicles.cameras.rendered_cameras import (
 )
 from wil_campaign.vehicles.readings import CameraReading, DepthReading, PoseReading, Reading, Source
 from wil_campaign.vehicles.sensors.depth import DepthSensor
-from wil_campaign.vehicles.sensors.sensor_spec import Sensor, SensorOptions, SensorSpec, TruthRate
+from wil_campaign.vehicles.sensors.sensor_spec import Sensor
 from wil_campaign.vehicles.sensors.timing import Timing
 from wil_campaign.vehicles.sensors.truth import Truth
 from wil_campaign.vehicles.sensors.truth_history import TruthHistory
@@ -121,17 +121,6 @@ class PoseStream:
             self._due_s = max(self._due_s + self._period_s, reading.t_s)
             self._seq += 1
             deliver(replace(reading, seq=self._seq - 1))
-
-
-class PoseOptions(SensorOptions):
-    """A pose sensor: motion capture. rate_hz: highest rate; by default the profile's."""
-
-    embedded_only: ClassVar[bool] = True
-    rate_hz: TruthRate | None = None
-
-
-POSE = SensorSpec("pose", PoseReading, PoseOptions)
-"""Its readings are captured, by a `PoseStream`: it has no model."""
 
 
 class RenderedDepth:

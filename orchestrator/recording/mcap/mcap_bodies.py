@@ -1,6 +1,6 @@
 """The bodies of run.mcap messages for each kind of reading; pure."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 from zlib import crc32
 
@@ -8,28 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wil_campaign.orchestrator.recording.mcap.mcap_json import (
-    Json,
-    numbers,
-    plain,
-    pose_out,
-    text_of,
-)
-from wil_campaign.orchestrator.recording.mcap.mcap_schemas import FLOAT32, UINT8, numbers_schema
+from wil_campaign.orchestrator.recording.mcap.mcap_schemas import numbers_schema
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import ImageSettings
-from wil_campaign.vehicles.readings import (
-    CameraReading,
-    DepthReading,
-    Drawing,
-    GpsReading,
-    ImuReading,
-    LidarPointsReading,
-    LidarScanReading,
-    MicrophoneReading,
-    PoseReading,
-    RangefinderReading,
-    Reading,
-)
+from wil_campaign.vehicles.readings import CameraReading, DepthReading, Drawing, Reading
+from wil_campaign.vehicles.readings.kinds import traits_of
+from wil_campaign.vehicles.readings.messages import Json, plain
 from wil_campaign.vehicles.readings.numbers import number_fields
 from wil_campaign.worlds.camera import Intrinsics
 
@@ -126,120 +109,15 @@ def calibration_body(i: Intrinsics) -> Body:
     return "foxglove.CameraCalibration", fields, None
 
 
-def _scan_body(reading: LidarScanReading) -> Body:
-    last = max(0, reading.ranges_m.size - 1)
-    ids = reading.object_ids
-    fields = {
-        "pose": pose_out(reading.mount),
-        "start_angle": reading.start_angle_rad,
-        "end_angle": reading.start_angle_rad + last * reading.step_rad,
-        "ranges": numbers(reading.ranges_m),
-        "intensities": [],
-        "wil": {
-            "start_angle_rad": reading.start_angle_rad,
-            "step_rad": reading.step_rad,
-            "range_min_m": reading.range_min_m,
-            "range_max_m": reading.range_max_m,
-            "object_ids": None if ids is None else text_of(ids),
-        },
-    }
-    return "foxglove.LaserScan", fields, None
-
-
-def _points_body(reading: LidarPointsReading) -> Body:
-    points = reading.points_frd_m
-    fields = [
-        {"name": name, "offset": 4 * k, "type": FLOAT32} for k, name in enumerate(("x", "y", "z"))
-    ]
-    packed, stride = points.astype("<f4").tobytes(), 12
-    if reading.object_ids is not None:
-        layout = np.dtype([("xyz", "<f4", 3), ("id", "u1")])
-        rows: NDArray[np.void] = np.empty(len(points), layout)
-        rows["xyz"], rows["id"] = points, reading.object_ids
-        packed = rows.tobytes()
-        fields.append({"name": "object_id", "offset": 12, "type": UINT8})
-        stride = 13
-    pose = pose_out(reading.mount)
-    described = {"pose": pose, "point_stride": stride, "fields": fields}
-    return "foxglove.PointCloud", described, packed
-
-
-def _rangefinder_body(reading: RangefinderReading) -> Body:
-    fields = {
-        "pose": pose_out(reading.mount),
-        "start_angle": 0.0,
-        "end_angle": 0.0,
-        "ranges": [reading.range_m],
-        "intensities": [],
-        "wil": {"range_min_m": reading.range_min_m, "range_max_m": reading.range_max_m},
-    }
-    return "foxglove.LaserScan", fields, None
-
-
-def _gps_body(reading: GpsReading) -> Body:
-    across, up = reading.horizontal_accuracy_m**2, reading.vertical_accuracy_m**2
-    fields = {
-        "latitude": reading.latitude_deg,
-        "longitude": reading.longitude_deg,
-        "altitude": reading.altitude_m,
-        "position_covariance": [across, 0.0, 0.0, 0.0, across, 0.0, 0.0, 0.0, up],
-        "position_covariance_type": 2,
-        "wil": {
-            "velocity_ned_m_s": list(reading.velocity_ned_m_s),
-            "horizontal_accuracy_m": reading.horizontal_accuracy_m,
-            "vertical_accuracy_m": reading.vertical_accuracy_m,
-            "fix_type": reading.fix_type,
-            "satellites": reading.satellites,
-        },
-    }
-    return "foxglove.LocationFix", fields, None
-
-
-def _pose_body(reading: PoseReading) -> Body:
-    velocity = reading.velocity_ned_m_s
-    facts = {"velocity_ned_m_s": None if velocity is None else list(velocity)}
-    return "foxglove.PoseInFrame", {"pose": pose_out(reading.pose), "wil": facts}, None
-
-
-def _imu_body(reading: ImuReading) -> Body:
-    force, rates = reading.specific_force_frd_m_s2, reading.rates_frd_rad_s
-    fields = {
-        "linear_acceleration": dict(zip("xyz", force, strict=True)),
-        "angular_velocity": dict(zip("xyz", rates, strict=True)),
-    }
-    return "wil.Imu", fields, None
-
-
-def _microphone_body(reading: MicrophoneReading) -> Body:
-    fields = {
-        "format": "pcm-s16",
-        "sample_rate": reading.sample_rate_hz,
-        "number_of_channels": 1,
-        "wil": {"full_scale_pa": reading.full_scale_pa},
-    }
-    return "foxglove.RawAudio", fields, reading.samples.astype("<i2").tobytes()
-
-
-def _numbers_body(reading: Any) -> Body:
-    kind = type(reading)
-    return (
-        numbers_schema(kind),
-        {name: getattr(reading, name) for name in number_fields(kind)},
-        None,
-    )
-
-
-_BODIES: Mapping[type, Callable[[Any], Body]] = {
-    LidarScanReading: _scan_body,
-    LidarPointsReading: _points_body,
-    RangefinderReading: _rangefinder_body,
-    GpsReading: _gps_body,
-    PoseReading: _pose_body,
-    ImuReading: _imu_body,
-    MicrophoneReading: _microphone_body,
-}
-
-
 def body_of(reading: Reading) -> Body:
     """Return the MCAP message body of any reading except images."""
-    return _BODIES.get(type(reading), _numbers_body)(reading)
+    kind = type(reading)
+    traits = traits_of(kind)
+    if traits.schema is None or traits.encode is None:
+        return (
+            numbers_schema(kind),
+            {name: getattr(reading, name) for name in number_fields(kind)},
+            None,
+        )
+    fields, data = traits.encode(reading)
+    return traits.schema["title"], fields, data

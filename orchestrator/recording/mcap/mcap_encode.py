@@ -14,16 +14,16 @@ from wil_campaign.orchestrator.recording.mcap.mcap_bodies import (
     drawing_body,
     raw_image,
 )
-from wil_campaign.orchestrator.recording.mcap.mcap_json import Json, encode, pose_out
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import ImageSettings, RecordingSettings
 from wil_campaign.vehicles.readings import (
     CameraReading,
     DepthReading,
-    GpsReading,
     PoseReading,
     Reading,
     sensor_type_of,
 )
+from wil_campaign.vehicles.readings.kinds import traits_of
+from wil_campaign.vehicles.readings.messages import Json, encode, pose_out
 from wil_campaign.worlds.camera import CameraMount, Intrinsics
 from wil_campaign.worlds.frames import Pose
 
@@ -252,7 +252,7 @@ class Encoder:
 
 def _frame(sensor: str, reading: Reading) -> str:
     """Return the frame id of a reading: of an image the camera's optical frame."""
-    if isinstance(reading, PoseReading | GpsReading):
+    if traits_of(type(reading)).in_world:
         return NED_FRAME
     if isinstance(reading, CameraReading | DepthReading):
         return image_frame(reading.source, reading.sensor or sensor)

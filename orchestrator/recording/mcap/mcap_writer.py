@@ -9,11 +9,14 @@ the flight: it is counted in the report.
 import threading
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cache
 from itertools import count
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Self
+
+import numpy as np
 
 from wil_campaign.foundation.background_file import patience
 from wil_campaign.foundation.clocks.virtual_loop import Clock
@@ -25,10 +28,10 @@ from wil_campaign.orchestrator.recording.mcap.mcap_encode import (
     Message,
 )
 from wil_campaign.orchestrator.recording.mcap.mcap_file import ChunkedFile
-from wil_campaign.orchestrator.recording.mcap.mcap_json import plain
 from wil_campaign.orchestrator.recording.mcap.mcap_schemas import schema_of
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import RecordingSettings
 from wil_campaign.vehicles.readings import Reading
+from wil_campaign.vehicles.readings.messages import plain
 from wil_campaign.worlds.camera import CameraMount
 
 SCHEMA = "wil/recording/1"
@@ -326,8 +329,13 @@ class McapRecorder:
         return counts | {f"dropped {topic}": str(n) for topic, n in sorted(self._dropped.items())}
 
 
-def _size_of(reading: Reading) -> int:
+def _size_of(reading: Any) -> int:
     """Return how much memory a reading holds while it waits for the writer."""
-    names = ("image_bgr", "depth_m", "object_ids", "ranges_m", "points_frd_m", "samples")
-    arrays = (getattr(reading, name, None) for name in names)
-    return _SMALL_BYTES + sum(int(array.nbytes) for array in arrays if array is not None)
+    arrays = (getattr(reading, name) for name in _fields_of(reading.__class__))
+    return _SMALL_BYTES + sum(each.nbytes for each in arrays if isinstance(each, np.ndarray))
+
+
+@cache
+def _fields_of(kind: type[Any]) -> tuple[str, ...]:
+    """Return the names of a reading's fields: looked up once."""
+    return tuple(field.name for field in fields(kind))

@@ -440,8 +440,9 @@ def _thinned(commands: Sequence[Row], span_s: Point) -> tuple[Commanded, ...]:
 
 def _had_ended(sight: Sight, end_s: float | None) -> bool:
     """Return whether the images had ended at a sight's time: the last one does not show it."""
-    is_image = isinstance(sight.perceived, Frame)
-    return end_s is not None and is_image and sight.perceived.delivered_s <= end_s < sight.wanted_s
+    if end_s is None or not isinstance(sight.perceived, Frame):
+        return False
+    return sight.perceived.delivered_s <= end_s < sight.wanted_s
 
 
 def _nearest(sights: Sequence[Sight], at_s: float | None) -> Sight | None:

@@ -1,8 +1,7 @@
-"""Decodes recorded readings into images and scans sized for a page."""
+"""Decodes recorded readings into images, sized for a page, and what their types draw."""
 
 import base64
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,18 +11,17 @@ import cv2
 import numpy as np
 from mcap.records import Message
 
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import camera_of
 from wil_campaign.orchestrator.recording.recorded_images import (
     NotDrawnAgainError,
     RecordedImages,
 )
-from wil_campaign.orchestrator.report.model import CameraView, Frame, Scan, Sight
+from wil_campaign.orchestrator.report.model import CameraView, Frame, Sight, Sketched
 from wil_campaign.orchestrator.report.reading.recorded_sights import RecordedSight, RecordedSights
 from wil_campaign.orchestrator.report.words import number_text
 from wil_campaign.vehicles.perception.depth_colors import color_depth
 from wil_campaign.vehicles.readings import BgrImage
-
-_MOST_BEAMS = 360
+from wil_campaign.vehicles.readings.image_messages import camera_of
+from wil_campaign.vehicles.readings.kinds import traits_named
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +45,7 @@ class ImageSize:
 
 
 def decode_sights(found: RecordedSights, size: ImageSize, *, at_s: float | None) -> list[Sight]:
-    """Return the perceived readings of one sensor: a camera, else a lidar.
+    """Return the perceived readings of one sensor: a camera, else one that is drawn.
 
     at_s: the moment; its sight is larger, and includes the readings it was mixed from. An image
     that cannot be drawn again becomes a problem of `found`.
@@ -105,8 +103,8 @@ class _Decoder:
             found.append(Sight(sight.wanted_s, perceived, shown, figures, sensor))
         return found
 
-    def _try(self, message: Message, *, is_main: bool) -> Frame | Scan | None:
-        """Return a reading as an image or scan; None for one that cannot be shown."""
+    def _try(self, message: Message, *, is_main: bool) -> Frame | Sketched | None:
+        """Return a reading as an image, or to be drawn; None for one that cannot be shown."""
         try:
             return self._decode(message, self._size.main_px if is_main else self._size.strip_px)
         except NotDrawnAgainError as error:
@@ -117,8 +115,8 @@ class _Decoder:
         except (KeyError, ValueError, TypeError, AttributeError, cv2.error):
             return None  # a reading of another type, or of another program
 
-    def _decode(self, message: Message, width_px: int) -> Frame | Scan | None:
-        """Return a reading as an image or scan; None for other types."""
+    def _decode(self, message: Message, width_px: int) -> Frame | Sketched | None:
+        """Return a reading as an image, or what is drawn of it; None for other types."""
         document = json.loads(message.data)
         delivered_s = (message.log_time - self._epoch_ns) / 1e9
         wil = document["wil"]
@@ -135,8 +133,8 @@ class _Decoder:
                 quality=self._size.quality,
             )
             return replace(frame, view=_view(document), far_m=far_m)
-        if wil["type"] == "lidar":
-            return _scan(document, delivered_s)
+        if traits_named(wil["type"]).sketch:
+            return Sketched(str(wil["source"]), float(wil["t_s"]), wil["type"], document)
         return None
 
 
@@ -174,26 +172,6 @@ def frame_of(
         raise ValueError("no image")
     text = base64.b64encode(coded.tobytes()).decode("ascii")
     return Frame(source, float(t_s), delivered_s, width, height, text)
-
-
-def _scan(document: Mapping[str, Any], delivered_s: float) -> Scan:
-    wil = document["wil"]
-    every = max(1, len(document["ranges"]) // _MOST_BEAMS)
-    ranges = [_range(value) for value in document["ranges"][::every]]
-    return Scan(
-        source=str(wil["source"]),
-        t_s=float(wil["t_s"]),
-        delivered_s=delivered_s,
-        start_angle_rad=float(wil["start_angle_rad"]),
-        step_rad=float(wil["step_rad"]) * every,
-        range_max_m=float(wil["range_max_m"]),
-        ranges_m=tuple(ranges),
-    )
-
-
-def _range(value: Any) -> float | None:
-    is_number = isinstance(value, int | float) and math.isfinite(value)
-    return float(value) if is_number else None
 
 
 def _figures(provenance: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -1,25 +1,22 @@
-"""Renders the report page from the reading model; everything from a file is escaped; pure.
-
-A lidar scan seen from above, forward up; SVG.
-"""
+"""Renders the report page from the reading model; everything from a file is escaped; pure."""
 
 import json
-import math
 import re
 import shlex
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from urllib.parse import quote
 
 import yaml
 from markupsafe import Markup
 
+from wil_campaign.installed_plugins import load
 from wil_campaign.orchestrator.reading.model import CampaignDocuments
-from wil_campaign.orchestrator.report.model import Frame, RunReport, Scan, Sight
+from wil_campaign.orchestrator.report.model import Frame, RunReport, Sight, Sketched
 from wil_campaign.orchestrator.report.rendering import overview
 from wil_campaign.orchestrator.report.rendering.image_marks import marks_svg
 from wil_campaign.orchestrator.report.rendering.map_svg import map_svg
-from wil_campaign.orchestrator.report.rendering.markup import element, points_text, visible
+from wil_campaign.orchestrator.report.rendering.markup import visible
 from wil_campaign.orchestrator.report.rendering.page_parts import environment, render_template
 from wil_campaign.orchestrator.report.rendering.plot_svg import (
     closeup_svg,
@@ -30,49 +27,21 @@ from wil_campaign.orchestrator.report.rendering.plot_svg import (
 from wil_campaign.orchestrator.report.words import MODES, number_text, short_time
 from wil_campaign.orchestrator.run_results.result_parts import distinct
 from wil_campaign.orchestrator.run_results.run_result import RunResult
+from wil_campaign.vehicles.readings.kinds import traits_named
 
-_HALF = 110.0
 
-
-def scan_svg(scans: Sequence[Scan | Frame]) -> Markup | None:
-    """Return scans drawn over each other, the last one on top; None without a scan."""
-    given = [one for one in scans if isinstance(one, Scan)]
-    if not given:
+def sketch(sight: Sight | None) -> Markup | None:
+    """Return the perceived reading over those it was mixed from, drawn by its type; else None."""
+    if sight is None or not isinstance(sight.perceived, Sketched):
         return None
-    met = [r for scan in given for r in scan.ranges_m if r is not None]
-    far_m = min(max(met, default=1.0), max(scan.range_max_m for scan in given))
-    scale = (_HALF - 10.0) / max(far_m, 0.1)
-    rings = [
-        element("circle", {"class": "grid", "cx": 0, "cy": 0, "r": scale * metres})
-        for metres in _ring_radii(far_m)
+    kind = sight.perceived.kind
+    shown = [
+        one.document
+        for one in (*sight.beside, sight.perceived)
+        if isinstance(one, Sketched) and one.kind == kind
     ]
-    labels = [
-        element("text", {"class": "tick", "x": 2, "y": -scale * metres - 2}, [f"{metres:g} m"])
-        for metres in _ring_radii(far_m)
-    ]
-    nose = element("path", {"class": "nose", "d": "M0 -7 L4 5 L-4 5 Z"})
-    beams = [dot for scan in given for dot in _dots(scan, scale, far_m)]
-    box = f"{-_HALF:g} {-_HALF:g} {2 * _HALF:g} {2 * _HALF:g}"
-    label = "lidar ranges from above, forward is up"
-    attributes = {"class": "scan", "viewBox": box, "role": "img", "aria-label": label}
-    return element("svg", attributes, [*rings, *beams, nose, *labels])
-
-
-def _ring_radii(far_m: float) -> Iterator[float]:
-    step = next((one for one in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0) if far_m / one <= 5.0), 50.0)
-    yield from (step * k for k in range(1, int(far_m / step) + 1))
-
-
-def _dots(scan: Scan, scale: float, far_m: float) -> Iterator[Markup]:
-    ends = []
-    for index, range_m in enumerate(scan.ranges_m):
-        if range_m is None or range_m > far_m:
-            continue
-        angle = scan.start_angle_rad + index * scan.step_rad
-        ends.append((scale * range_m * math.sin(angle), -scale * range_m * math.cos(angle)))
-    kind = scan.source if scan.source in {"real", "twin", "mixed"} else "other"
-    path = " ".join(f"M{points_text([end])}h0" for end in ends)
-    yield element("path", {"class": f"beams {kind}", "d": path})
+    drawn: Markup | None = load(traits_named(kind).sketch)(shown)
+    return drawn
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +110,7 @@ def render_run(
             plots=[(plot, plot_svg(plot, run)) for plot in run.plots],
             time_axis=time_axis_svg(run),
             stage_axis=stage_axis_svg(run),
-            scan=None if run.sight is None else scan_svg((*run.sight.beside, run.sight.perceived)),
+            scan=sketch(run.sight),
             strip=[sight for sight in run.strip if isinstance(sight.perceived, Frame)],
             frames=_frames(run.sight),
             marks=marks_svg(run.sight),

@@ -14,14 +14,8 @@ from wil_campaign.recipes.pipeline.pipeline import Mixer
 from wil_campaign.recipes.pipeline.pose_alignment import align_pose
 from wil_campaign.vehicles.cameras.rendered_cameras import NoImageError
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
-from wil_campaign.vehicles.readings import (
-    CameraReading,
-    DepthReading,
-    LidarPointsReading,
-    MicrophoneReading,
-    Reading,
-    end_s,
-)
+from wil_campaign.vehicles.readings import Reading, end_s
+from wil_campaign.vehicles.readings.kinds import duration_s, traits_of
 from wil_campaign.vehicles.sensors.sensor_streams import OnDemand
 
 _POSE_POLL_S = 0.002
@@ -256,12 +250,12 @@ class MixingLoop:
     def _give_up_s(self) -> float:
         """Return the time until which the oldest due reading waits for the twin's.
 
-        A block of sound waits as long as the twin's block that ends after it takes to come.
+        One that lasts waits as long as the twin's that ends after it takes to come.
         """
         give_up_s = asyncio.get_running_loop().time() + self._pair_wait_s
         newest = self._twin_readings[-1] if self._twin_readings else None
-        if isinstance(newest, MicrophoneReading):
-            comes_s = self._oldest_due_end_s() + newest.duration_s
+        if newest is not None and (lasts_s := duration_s(newest)) > 0.0:
+            comes_s = self._oldest_due_end_s() + lasts_s
             give_up_s = max(give_up_s, comes_s + _PAIR_WAIT_S)
         return give_up_s
 
@@ -331,4 +325,4 @@ class MixingLoop:
 
 def _is_big(reading: Reading) -> bool:
     """Return whether a reading is large, so that the mixing loop keeps only few: image, cloud."""
-    return isinstance(reading, CameraReading | DepthReading | LidarPointsReading)
+    return traits_of(type(reading)).is_large

@@ -32,7 +32,7 @@ from wil_campaign.vehicles.cameras.rendered_cameras import (
 )
 from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.readings.copies import restamp_reading
-from wil_campaign.vehicles.readings.kinds import sensor_specs
+from wil_campaign.vehicles.readings.kinds import sensor_specs, traits_named
 from wil_campaign.vehicles.sensors.depth import DEPTH_NOISES, DepthSensor
 from wil_campaign.vehicles.sensors.lens import ThroughLens
 from wil_campaign.vehicles.sensors.sensor_spec import MountedOptions, Sensor, SensorSite
@@ -243,7 +243,7 @@ def is_image(sensor: SensorSetup) -> bool:
 
     None of them goes to an autopilot: those that do are of use until the vehicle has landed.
     """
-    return sensor.kind in {"camera", "depth", "lidar_points"}
+    return traits_named(sensor.kind).is_large
 
 
 def _add_pose_as_truth(track: TruthHistory, sample: PoseSample) -> None:

@@ -1,13 +1,15 @@
 """Measures in flight whether mixtures show the virtual objects where geometry has them."""
 
-import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup, options_of
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
 from wil_campaign.campaigns.values.sensor_setups import SensorSetup as Setup
+from wil_campaign.installed_plugins import load
 from wil_campaign.orchestrator.run.perception.expected_views import ExpectedViews
 from wil_campaign.recipes.model.recipe import Combination
 from wil_campaign.recipes.pipeline.mixture import Mixed
@@ -15,33 +17,18 @@ from wil_campaign.recipes.pipeline.stages import StageView
 from wil_campaign.recipes.steps.transform.geometry import CameraModelParameters
 from wil_campaign.recipes.visibility.coverage import Coverage
 from wil_campaign.recipes.visibility.images import IN_VIEW_SHARE, ImagePair, compare_images
-from wil_campaign.recipes.visibility.model import ExpectedRanges, FrameVisibility, Virtual
-from wil_campaign.recipes.visibility.ranges import compare_points, compare_ranges
+from wil_campaign.recipes.visibility.model import FrameVisibility, Virtual
+from wil_campaign.recipes.visibility.ranges import compare_ranges
 from wil_campaign.recipes.visibility.sampling import samples_of
-from wil_campaign.vehicles.readings import (
-    CameraReading,
-    DepthReading,
-    LidarPointsReading,
-    LidarScanReading,
-    RangefinderReading,
-    Reading,
-)
-from wil_campaign.vehicles.sensors.beams import (
-    Directions,
-    cone_directions,
-    grid_directions,
-    plane_directions,
-)
-from wil_campaign.vehicles.sensors.lidar import LidarPointsOptions, RangefinderOptions
+from wil_campaign.vehicles.readings import Reading
+from wil_campaign.vehicles.readings.kinds import traits_named
+from wil_campaign.vehicles.sensors.depth import DEPTH_NOISES
+from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
 from wil_campaign.worlds.frames import IDENTITY, Pose, Quat, quat_multiply
 
 PERIOD_S = 0.2
 """Period of measuring; after a wrong mixture the next one is measured too, to confirm it."""
 _EARLY_S = 1e-6
-_AROUND_RAD = math.radians(2.0)
-"""How far outside of a rangefinder's cone a virtual object may be that it shows nevertheless."""
-_MOST_BEAMS = 3000
-"""Most beams of a 3-D lidar that are cast for the comparison."""
 
 BodyPose = Callable[[float], Pose | None]
 """Returns the real vehicle's pose at a time (run clock), by the best reference available."""
@@ -83,8 +70,7 @@ class Measured:
 
     real, twin: the sensors. body: reference of the real vehicle's pose. is_like: whether the twin's
     images come from the renderer of the expected views. is_judged: whether mixtures count now, as
-    they do while the goal is flown. reach_m: least and greatest range of the twin's depth camera or
-    3-D lidar; readings of other sensors have their own.
+    they do while the goal is flown. noise: of the twin's sensors, by its profile.
     """
 
     combination: Combination
@@ -95,16 +81,27 @@ class Measured:
     body: BodyPose
     is_like: bool
     is_judged: Callable[[], bool]
-    reach_m: tuple[float, float]
+    noise: NoiseSetName
+
+
+@dataclass(frozen=True, slots=True)
+class Exposure:
+    """A moment at which readings were sampled. t_s: run clock. body: the real vehicle's pose."""
+
+    t_s: float
+    body: Pose
+    measured: Measured
 
 
 class VisibilityProbe:
     """Measures the visibility of virtual objects in one combination's mixtures."""
 
-    def __init__(self, measured: Measured, *, views: MixtureViews) -> None:
+    def __init__(
+        self, measured: Measured, *, comparison: "Comparison", views: MixtureViews
+    ) -> None:
         self._measured = measured
+        self._comparison = comparison
         self._views = views
-        self._turn = _turn_of(measured.combination)
         self._due_s = 0.0
         self.coverage = Coverage()
 
@@ -138,38 +135,55 @@ class VisibilityProbe:
         return True
 
     def _compare(self, real: Reading, mixed: Reading, body: Pose, t_s: float) -> FrameVisibility:
-        match real, mixed:
-            case CameraReading(), CameraReading() if real.image_bgr.shape == mixed.image_bgr.shape:
-                return self._camera(real, mixed, body, t_s)
-            case DepthReading(), DepthReading() if real.depth_m.shape == mixed.depth_m.shape:
-                return self._depth(real, mixed, body, t_s)
-            case LidarScanReading(), LidarScanReading() if len(real.ranges_m) == len(
-                mixed.ranges_m
-            ):
-                return self._scan(real, mixed, body, t_s)
-            case RangefinderReading(), RangefinderReading():
-                return self._beam(real, mixed, body, t_s)
-            case LidarPointsReading(), LidarPointsReading() if lidar := options_of(
-                self._measured.twin, LidarPointsOptions
-            ):
-                return self._points(real, mixed, lidar, body, t_s)
-        return FrameVisibility(t_s, not_measured="the merge changes the shape of the reading")
+        compared = None
+        if type(real) is type(mixed):
+            at = Exposure(t_s, body, self._measured)
+            compared = self._comparison.compare(real, mixed, at)
+        missing = "the merge changes the shape of the reading"
+        return FrameVisibility(t_s, not_measured=missing) if compared is None else compared
 
-    def _camera(
-        self, real: CameraReading, mixed: CameraReading, body: Pose, t_s: float
-    ) -> FrameVisibility:
-        part, measured = samples_of(mixed.intrinsics), self._measured
+
+class Comparison(ABC):
+    """How mixtures of one class of readings are compared with what geometry expects of them."""
+
+    def obstacle(self, twin: Setup) -> str:
+        """Return why mixtures of readings of this sensor of the twin cannot be compared; or ""."""
+        del twin
+        return ""
+
+    def prepare(self, views: ExpectedViews) -> None:
+        """Prepare the expected views before the flight, where their first use takes long."""
+        del views
+
+    def warm_up(self) -> None:
+        """Load or compile the kernels that the comparison takes, before the flight."""
+        return
+
+    @abstractmethod
+    def compare(self, real: Any, mixed: Any, at: Exposure) -> FrameVisibility | None:
+        """Return the visibility in a mixture; None where the merge changed the reading's shape.
+
+        real: the real reading as it was merged.
+        """
+
+
+class _OfCameras(Comparison):
+    def compare(self, real: Any, mixed: Any, at: Exposure) -> FrameVisibility | None:
+        """Compare camera images, where both have one size."""
+        if real.image_bgr.shape != mixed.image_bgr.shape:
+            return None
+        part, measured = samples_of(mixed.intrinsics), at.measured
         depth_m = None if real.depth_m is None else real.depth_m[part, part]
         expected = measured.views.image(
-            self._camera_pose(body),
+            _camera_pose(at),
             mixed.intrinsics,
-            t_s,
+            at.t_s,
             virtual=measured.virtual.everything(),
             real_depth_m=depth_m,
         )
         return compare_images(
             ImagePair(
-                t_s=t_s,
+                t_s=at.t_s,
                 real_bgr=real.image_bgr[part, part],
                 mixed_bgr=mixed.image_bgr[part, part],
                 expected=expected,
@@ -179,95 +193,43 @@ class VisibilityProbe:
             )
         )
 
-    def _depth(
-        self, real: DepthReading, mixed: DepthReading, body: Pose, t_s: float
-    ) -> FrameVisibility:
-        part, measured = samples_of(mixed.intrinsics), self._measured
-        expected = measured.views.depths(self._camera_pose(body), mixed.intrinsics, t_s)
+
+class _OfDepthCameras(Comparison):
+    def compare(self, real: Any, mixed: Any, at: Exposure) -> FrameVisibility | None:
+        """Compare depth images, where both have one size."""
+        if real.depth_m.shape != mixed.depth_m.shape:
+            return None
+        part, measured = samples_of(mixed.intrinsics), at.measured
+        expected = measured.views.depths(_camera_pose(at), mixed.intrinsics, at.t_s)
+        noise = DEPTH_NOISES.named(measured.noise)
         return compare_ranges(
-            t_s=t_s,
+            t_s=at.t_s,
             real_m=real.depth_m[part, part].reshape(-1).astype(np.float64),
             mixed_m=mixed.depth_m[part, part].reshape(-1).astype(np.float64),
             expected=expected,
             virtual=measured.virtual,
-            reach_m=measured.reach_m,
+            reach_m=(noise.range_min_m, noise.range_max_m),
             least=IN_VIEW_SHARE * expected.ids.size,
         )
 
-    def _scan(
-        self, real: LidarScanReading, mixed: LidarScanReading, body: Pose, t_s: float
-    ) -> FrameVisibility:
-        directions = plane_directions(mixed.start_angle_rad, mixed.step_rad, len(mixed.ranges_m))
-        sensor = body.compose(mixed.mount)
-        return compare_ranges(
-            t_s=t_s,
-            real_m=real.ranges_m.astype(np.float64),
-            mixed_m=mixed.ranges_m.astype(np.float64),
-            expected=self._measured.views.ranges(sensor, directions, t_s),
-            virtual=self._measured.virtual,
-            reach_m=(mixed.range_min_m, mixed.range_max_m),
-        )
 
-    def _beam(
-        self, real: RangefinderReading, mixed: RangefinderReading, body: Pose, t_s: float
-    ) -> FrameVisibility:
-        options = options_of(self._measured.real, RangefinderOptions)
-        half_rad = 0.0 if options is None else options.half_angle_rad
-        sensor = body.compose(mixed.mount)
-        cone = self._measured.views.ranges(sensor, cone_directions(half_rad, 8), t_s)
-        around = self._measured.views.ranges(
-            sensor, cone_directions(half_rad + _AROUND_RAD, 8), t_s
-        )
-        nearest = slice(k := int(cone.ranges_m.argmin()), k + 1)
-        return compare_ranges(
-            t_s=t_s,
-            real_m=np.array([real.range_m]),
-            mixed_m=np.array([mixed.range_m]),
-            expected=ExpectedRanges(cone.ranges_m[nearest], cone.ids[nearest]),
-            virtual=self._measured.virtual,
-            reach_m=(mixed.range_min_m, mixed.range_max_m),
-            least=1,
-            nearest_m=float(around.ranges_m.min()),
-        )
-
-    def _points(
-        self,
-        real: LidarPointsReading,
-        mixed: LidarPointsReading,
-        twin: LidarPointsOptions,
-        body: Pose,
-        t_s: float,
-    ) -> FrameVisibility:
-        directions = _some_beams(twin)
-        cast_ranges = self._measured.views.ranges(body.compose(mixed.mount), directions, t_s)
-        least_m, most_m = self._measured.reach_m
-        is_in_reach = (cast_ranges.ranges_m >= least_m) & (cast_ranges.ranges_m <= most_m)
-        ids = np.where(is_in_reach, cast_ranges.ids, np.uint8(0))
-        met = np.isfinite(cast_ranges.ranges_m)
-        return compare_points(
-            t_s=t_s,
-            real_m=real.points_frd_m,
-            mixed_m=mixed.points_frd_m,
-            expected_m=directions[met] * cast_ranges.ranges_m[met, np.newaxis],
-            ids=ids[met],
-            virtual=self._measured.virtual,
-        )
-
-    def _camera_pose(self, body: Pose) -> Pose:
-        camera = self._measured.real
-        if not isinstance(camera, CameraSetup | DepthSetup):
-            raise TypeError(f"sensor {camera.name} is not a camera")
-        pose = camera.mount.camera_pose(body)
-        return Pose(pose.position_ned_m, quat_multiply(pose.q_wxyz, self._turn))
+CAMERA, DEPTH = _OfCameras(), _OfDepthCameras()
 
 
-def _some_beams(lidar: LidarPointsOptions) -> Directions:
-    """Return every n-th column of a 3-D lidar's beams, for measuring visibility."""
-    pattern = lidar.pattern
-    every = max(1, -(-pattern.columns * pattern.rings // _MOST_BEAMS))
-    azimuths = 2.0 * np.pi * np.arange(0, pattern.columns, every) / pattern.columns
-    rings = np.linspace(pattern.lowest_rad, pattern.highest_rad, pattern.rings)
-    return grid_directions(azimuths, rings)
+def comparison_of(sensor_type: str) -> Comparison | None:
+    """Return how mixtures of a type of sensors are compared; None where they show no objects."""
+    place = traits_named(sensor_type).visibility
+    return load(place) if place else None
+
+
+def _camera_pose(at: Exposure) -> Pose:
+    """Return the pose of the real vehicle's camera, turned as the recipe turns its view."""
+    camera = at.measured.real
+    if not isinstance(camera, CameraSetup | DepthSetup):
+        raise TypeError(f"sensor {camera.name} is not a camera")
+    pose = camera.mount.camera_pose(at.body)
+    turn = _turn_of(at.measured.combination)
+    return Pose(pose.position_ned_m, quat_multiply(pose.q_wxyz, turn))
 
 
 def _turn_of(combination: Combination) -> Quat:

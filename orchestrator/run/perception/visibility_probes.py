@@ -3,15 +3,11 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from wil_campaign.campaigns.setup.named_objects import named_objects
 from wil_campaign.campaigns.values.sensor_setups import (
     CameraSetup,
     DepthSetup,
-    OtherSetup,
     SensorSetup,
-    options_of,
 )
 from wil_campaign.orchestrator.external.external_io import ExternalIo
 from wil_campaign.orchestrator.run.perception.expected_views import ExpectedViews
@@ -20,23 +16,19 @@ from wil_campaign.orchestrator.run.perception.visibility import (
     Measured,
     MixtureViews,
     VisibilityProbe,
+    comparison_of,
 )
 from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState
 from wil_campaign.orchestrator.state.vehicle_context import HISTORY_S, VehicleContext
 from wil_campaign.recipes.model.recipe import Combination
 from wil_campaign.recipes.pipeline.pipeline import Mixer
-from wil_campaign.recipes.visibility.model import SHOWING_KINDS, Virtual
+from wil_campaign.recipes.visibility.model import Virtual
 from wil_campaign.vehicles.cameras.rendered_cameras import MAX_POSE_AGE_S
 from wil_campaign.vehicles.poses.pose_history import PoseHistory
 from wil_campaign.vehicles.readings import PoseReading
-from wil_campaign.vehicles.sensors.depth import DEPTH_NOISES
-from wil_campaign.vehicles.sensors.lidar import POINTS_NOISES, LidarPointsOptions
-from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.scene.scene import virtual_only
-
-_RANGING_KINDS = frozenset({"lidar", "lidar_points", "rangefinder"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,12 +72,15 @@ class VisibilityProbes:
         setup = self._setup
         things = virtual_only(setup.real_scene, setup.virtual_scene)
         virtual = sought_objects(combination, things, named_objects(setup.case))
-        why = self._obstacle(combination, virtual, real, twin)
+        comparison = comparison_of(combination.sensor.kind)
+        if comparison is None:
+            kind = combination.sensor.kind
+            return NotMeasured(f"a reading of type {kind} shows no objects")
+        why = _obstacle(combination, virtual, real) or comparison.obstacle(twin)
         if why:
             return NotMeasured(why)
         views = self._views_of_geometry()
-        if combination.sensor.kind in _RANGING_KINDS:
-            views.prepare_rays()
+        comparison.prepare(views)
         measured = Measured(
             combination=combination,
             real=real,
@@ -95,10 +90,10 @@ class VisibilityProbes:
             body=self._body(real),
             is_like=self._drawn_by_us(twin),
             is_judged=lambda: self._run_state.stage == "goal",
-            reach_m=reach_of_twin(twin, setup.profiles["twin"].sensors),
+            noise=setup.profiles["twin"].sensors,
         )
         mixer.observer = mixture_views = MixtureViews()
-        return VisibilityProbe(measured, views=mixture_views)
+        return VisibilityProbe(measured, comparison=comparison, views=mixture_views)
 
     def _capture(self, reading: PoseReading) -> None:
         self._captured.add(reading.t_s, reading.pose)
@@ -112,22 +107,6 @@ class VisibilityProbes:
                 events=self._events,
             )
         return self._expected
-
-    def _obstacle(
-        self, combination: Combination, virtual: Virtual, real: SensorSetup, twin: SensorSetup
-    ) -> str:
-        if combination.sensor.kind not in SHOWING_KINDS:
-            return f"a reading of type {combination.sensor.kind} shows no objects"
-        if not virtual.names:
-            obstacle = (
-                "the recipe mixes in no object" if combination.shows is None else "shows names none"
-            )
-            return f"{obstacle} that exists in the virtual world only"
-        if isinstance(real, CameraSetup | DepthSetup) and _is_file(real):
-            return "images from a file have no camera pose"
-        if combination.sensor.kind == "lidar_points" and twin.kind != "lidar_points":
-            return f"the points are made of a {twin.kind} reading"
-        return ""
 
     def _body(self, sensor: SensorSetup) -> BodyPose:
         """Return the real vehicle's pose for probes: truth, motion capture or pose source.
@@ -154,22 +133,16 @@ class VisibilityProbes:
         return key not in self._external_io.cameras and key not in self._external_io.simulators
 
 
-def reach_of_twin(twin: SensorSetup, noise: NoiseSetName) -> tuple[float, float]:
-    """Return the least and greatest range, metres, of the twin's depth camera or 3-D lidar.
-
-    noise: that of the twin's profile. (0, inf) for other sensors, and what the setup leaves out of
-    a lidar with a source of its own.
-    """
-    if isinstance(twin, DepthSetup):
-        depth = DEPTH_NOISES.named(noise)
-        return depth.range_min_m, depth.range_max_m
-    lidar = options_of(twin, LidarPointsOptions)
-    if lidar is None:
-        return 0.0, np.inf
-    if isinstance(twin, OtherSetup) and twin.source is None:
-        points = lidar.within_reach(POINTS_NOISES.named(noise))
-        return points.range_min_m, points.range_max_m
-    return lidar.range_min_m or 0.0, np.inf if lidar.range_max_m is None else lidar.range_max_m
+def _obstacle(combination: Combination, virtual: Virtual, real: SensorSetup) -> str:
+    """Return why the visibility in mixtures of a combination cannot be measured; or ""."""
+    if not virtual.names:
+        obstacle = (
+            "the recipe mixes in no object" if combination.shows is None else "shows names none"
+        )
+        return f"{obstacle} that exists in the virtual world only"
+    if isinstance(real, CameraSetup | DepthSetup) and _is_file(real):
+        return "images from a file have no camera pose"
+    return ""
 
 
 def sought_objects(

@@ -8,11 +8,9 @@ pool would take that for a hanging worker.
 import math
 from functools import cache
 
-import numpy as np
-
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup
+from wil_campaign.orchestrator.run.perception.visibility import comparison_of
 from wil_campaign.orchestrator.state.run_setup import RunSetup
-from wil_campaign.recipes.visibility.ranges import nearest_m
 from wil_campaign.vehicles.embedded.emulations import load_kernels
 from wil_campaign.vehicles.embedded.physics.contact_world import BODY
 from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate
@@ -45,7 +43,7 @@ def load_kept_kernels() -> None:
 def warm_up(setup: RunSetup) -> None:
     """Warm up before the flight: control laws, clearance, rendering, colour search.
 
-    With point clouds, the search for the nearest point, too.
+    And what the comparison of the sensors' mixtures with geometry takes.
     """
     if any(vehicle.embedded for vehicle in setup.vehicles):
         load_kernels()
@@ -55,8 +53,9 @@ def warm_up(setup: RunSetup) -> None:
     sensors = [sensor for vehicle in setup.with_sensors for sensor in vehicle.sensors]
     if any(isinstance(sensor, CameraSetup | DepthSetup) for sensor in sensors):
         load_rendering()
-    if any(sensor.kind == "lidar_points" for sensor in sensors):
-        nearest_m(np.zeros((1, 3)), np.zeros((1, 3), np.float32))
+    for kind in sorted({sensor.kind for sensor in sensors}):
+        if (comparison := comparison_of(kind)) is not None:
+            comparison.warm_up()
 
 
 @cache

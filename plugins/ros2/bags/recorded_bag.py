@@ -20,8 +20,7 @@ from wil_campaign.foundation.files.limited_json import loads_limited
 from wil_campaign.orchestrator.reading.trajectory_file import Row, read_trajectory
 from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.mcap.mcap_chunks import RecordStream
-from wil_campaign.orchestrator.recording.mcap.mcap_decode import camera_of, decode, is_reading
-from wil_campaign.orchestrator.recording.mcap.mcap_json import Json
+from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode, is_reading
 from wil_campaign.orchestrator.recording.recorded_images import RecordedImages
 from wil_campaign.orchestrator.recording.recording_facts import campaign_in, mounts_in
 from wil_campaign.orchestrator.run_results.result_reader import ResultError, read_result
@@ -49,6 +48,8 @@ from wil_campaign.plugins.ros2.messages.topics import (
     sensor_topics,
 )
 from wil_campaign.safety.model.verdict import DecisiveKind
+from wil_campaign.vehicles.readings.image_messages import camera_of
+from wil_campaign.vehicles.readings.messages import Json
 from wil_campaign.worlds.frames import AT_ORIGIN, Pose, quat_from_euler
 
 _UNLIMITED = "{sec: 9223372036, nsec: 854775807}"

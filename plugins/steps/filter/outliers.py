@@ -1,5 +1,6 @@
 """Filters against noise: removal of outliers, and medians."""
 
+import math
 from dataclasses import replace
 from typing import Annotated, Any, Literal
 
@@ -10,7 +11,6 @@ from pydantic import Field, field_validator
 
 from wil_campaign.recipes.model.registry import Context, SidedParameters, step
 from wil_campaign.recipes.operations.masks import narrow_mask
-from wil_campaign.recipes.operations.scans import is_full_turn
 from wil_campaign.recipes.working import AnyMasked, Masked, Operator
 from wil_campaign.vehicles.readings import (
     CameraReading,
@@ -58,7 +58,7 @@ def remove_outliers(parameters: RemoveOutliersParameters, context: Context) -> O
             near += _near(reading.depth_m.T, p.window, p.within_m, wraps=False).T
             return narrow_mask(work, (near >= p.neighbours) | np.isinf(reading.depth_m))
         else:
-            wraps = is_full_turn(reading)
+            wraps = _is_full_turn(reading)
             near = _near(reading.ranges_m, p.window, p.within_m, wraps=wraps)
             return narrow_mask(work, (near >= p.neighbours) | np.isinf(reading.ranges_m))
         return narrow_mask(work, near >= p.neighbours)
@@ -137,6 +137,11 @@ def median(parameters: MedianParameters, context: Context) -> Operator:  # noqa:
     return _Median(parameters.window)
 
 
+def _is_full_turn(scan: LidarScanReading) -> bool:
+    """Return whether a scan's last beam is the neighbour of its first."""
+    return abs(len(scan.ranges_m) * abs(scan.step_rad) - math.tau) < abs(scan.step_rad) / 2
+
+
 class _Median:
     """The median filter against outliers; of a rangefinder over its last readings."""
 
@@ -161,7 +166,7 @@ class _Median:
     def _scan(self, scan: LidarScanReading) -> NDArray[np.float32]:
         """Return a lidar scan filtered by the median along its beams."""
         half = self._window // 2
-        mode: Literal["wrap", "edge"] = "wrap" if is_full_turn(scan) else "edge"
+        mode: Literal["wrap", "edge"] = "wrap" if _is_full_turn(scan) else "edge"
         framed = np.pad(scan.ranges_m, half, mode=mode)
         windows = np.lib.stride_tricks.sliding_window_view(framed, self._window)
         return np.partition(windows, half, axis=1)[:, half]

@@ -12,9 +12,15 @@ from pydantic import Field, model_validator
 from wil_campaign.plugins.steps.operations.interpolation import between
 from wil_campaign.recipes.model.registry import Context, StepParameters, step
 from wil_campaign.recipes.operations.masks import is_kept, kept_elements
-from wil_campaign.recipes.operations.scans import refuse_other_beams
 from wil_campaign.recipes.steps.merge.overlays import refuse_mismatch
-from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Merge, Sides
+from wil_campaign.recipes.working import (
+    AnyMasked,
+    CannotMixError,
+    Masked,
+    Merge,
+    Sides,
+    refuse_other_elements,
+)
 from wil_campaign.vehicles.readings import (
     CameraReading,
     DepthReading,
@@ -125,7 +131,7 @@ def _merge_values(real: AnyMasked, twin: AnyMasked, combine: Combine, share: flo
             depth = _distances(real, one.depth_m, twin, twin.reading.depth_m, combine)
             return replace(one, depth_m=depth)
         case LidarScanReading() as one:
-            refuse_other_beams("aggregate", one, twin.reading)
+            refuse_other_elements("aggregate", one, twin.reading)
             ranges = _distances(real, one.ranges_m, twin, twin.reading.ranges_m, combine)
             return replace(one, ranges_m=ranges)
         case RangefinderReading() as one:

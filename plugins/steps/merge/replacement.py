@@ -14,10 +14,17 @@ from wil_campaign.plugins.steps.operations.quantities import quantities_of
 from wil_campaign.recipes.model.registry import EVERY_SENSOR, Context, StepParameters, step
 from wil_campaign.recipes.operations.masks import kept_elements
 from wil_campaign.recipes.operations.optics import size_of
-from wil_campaign.recipes.operations.scans import refuse_other_beams
 from wil_campaign.recipes.operations.step_parameters import IMAGE_SENSORS
 from wil_campaign.recipes.steps.merge.overlays import refuse_mismatch
-from wil_campaign.recipes.working import AnyMasked, CannotMixError, Merge, Need, Side, Sides
+from wil_campaign.recipes.working import (
+    AnyMasked,
+    CannotMixError,
+    Merge,
+    Need,
+    Side,
+    Sides,
+    refuse_other_elements,
+)
 from wil_campaign.vehicles.readings import (
     CameraReading,
     DepthReading,
@@ -173,7 +180,7 @@ def _replace_reading(source: AnyMasked, ground: AnyMasked, rule: _Rule) -> Readi
     if isinstance(below, CameraReading | DepthReading):
         return _replace_in_image(source, ground, where)
     if isinstance(below, LidarScanReading):
-        refuse_other_beams("replace", source.reading, below)
+        refuse_other_elements("replace", source.reading, below)
         chosen_beams = kept_elements(source) if where is None else where & kept_elements(source)
         ranges_m = np.where(chosen_beams, source.reading.ranges_m, below.ranges_m)
         return replace(below, ranges_m=ranges_m)

@@ -11,15 +11,7 @@ from wil_campaign.recipes.model.registry import Context, SidedParameters, step
 from wil_campaign.recipes.operations.masks import intersect_masks
 from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Operator
 from wil_campaign.vehicles.perception.hsv import FULL_CIRCLE_DEG, NAMED_COLORS, HsvMask, HsvRange
-from wil_campaign.vehicles.readings import (
-    CameraReading,
-    DepthReading,
-    LidarPointsReading,
-    LidarScanReading,
-    Mask,
-)
-
-Identified = CameraReading | DepthReading | LidarScanReading | LidarPointsReading
+from wil_campaign.vehicles.readings import CameraReading, Mask
 
 Fraction = Annotated[float, Field(ge=0, le=1)]
 Degrees = Annotated[float, Field(ge=0, le=360)]
@@ -141,7 +133,7 @@ class IsolateObjectsParameters(SidedParameters):
 @step(
     "isolate_objects",
     stage="filter",
-    sensors=("camera", "depth", "lidar", "lidar_points"),
+    sensors=lambda traits: "object_ids" in traits.ground_truth,
     parameters=IsolateObjectsParameters,
 )
 def isolate_objects(parameters: IsolateObjectsParameters, context: Context) -> Operator:
@@ -155,9 +147,9 @@ def isolate_objects(parameters: IsolateObjectsParameters, context: Context) -> O
         table[_id_of(name, context)] = 255
 
     def operator(
-        work: Masked[Identified],
+        work: AnyMasked,
         other: AnyMasked | None,  # noqa: ARG001 - the interface
-    ) -> Masked[Identified]:
+    ) -> AnyMasked:
         ids = work.reading.object_ids
         if ids is None:
             raise CannotMixError("no_ids", "isolate_objects: the reading has no object ids")

@@ -1,33 +1,98 @@
-"""The merge by priority: kept elements of one reading over those of the other."""
+"""The merge by priority: kept elements of one reading over those of the other, with soft edges."""
 
 from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from wil_campaign.recipes.model.registry import Context, StepParameters, step
 from wil_campaign.recipes.operations.masks import is_kept, kept_elements
 from wil_campaign.recipes.operations.optics import disagreement_px
-from wil_campaign.recipes.operations.scans import refuse_other_beams
-from wil_campaign.recipes.operations.soft_edges import SoftEdge, blend_cover, has_cover
-from wil_campaign.recipes.working import AnyMasked, CannotMixError, Masked, Merge, Need, Side, Sides
-from wil_campaign.vehicles.readings import (
-    CameraReading,
-    DepthReading,
-    LidarScanReading,
-    Mask,
-    Reading,
+from wil_campaign.recipes.working import (
+    AnyMasked,
+    CannotMixError,
+    Masked,
+    Merge,
+    Need,
+    Side,
+    Sides,
+    refuse_other_elements,
 )
+from wil_campaign.vehicles.readings import BgrImage, CameraReading, DepthReading, Mask, Reading
+from wil_campaign.vehicles.readings.kinds import traits_of
 
 MAX_DISAGREEMENT_PX = 1.0
 """Largest distance of the same point in two images that may be laid over each other."""
 
-OVERLAID = ("camera", "depth", "lidar", "rangefinder", "gps", "pose", "imu")
-
-
 TWIN_FIRST: tuple[Side, Side] = ("twin", "real")
+
+
+def has_cover(mask: Mask) -> bool:
+    """Return whether a mask has pixels that the kept part covers in part (1 to 254)."""
+    return bool(cv2.countNonZero(cv2.inRange(mask, 1, 254)))
+
+
+def blend_cover(layer_bgr: BgrImage, mask: Mask, ground_bgr: BgrImage) -> None:
+    """Write the layer into `ground_bgr`, each pixel by the cover that its mask states."""
+    cv2.copyTo(layer_bgr, cv2.compare(mask, 255, cv2.CMP_EQ), ground_bgr)
+    rows, columns = np.nonzero(cv2.inRange(mask, 1, 254))
+    weight = mask[rows, columns].astype(np.float32) / np.float32(255)
+    upper, lower = (one[rows, columns].astype(np.float32) for one in (layer_bgr, ground_bgr))
+    mixed = lower + (upper - lower) * weight[:, None]
+    ground_bgr[rows, columns] = np.rint(mixed).astype(np.uint8)
+
+
+class SoftEdge:
+    """Blends a layer with soft edges over the ground, its weight rising from its edge inward.
+
+    width_px: from the edge of the kept part (weight near 0) to where the layer is opaque. Weight
+    is the distance to the edge over the width. Pixels outside of the mask, which show the layer's
+    background, have none: there is no halo. The edges of the image are no edges of the object.
+    Works on the box around the mask only.
+    """
+
+    def __init__(self, width_px: float) -> None:
+        self._width_px = width_px
+
+    def __call__(self, layer_bgr: BgrImage, shown: Mask | None, ground_bgr: BgrImage) -> None:
+        """Write the soft-edged blend into `ground_bgr`; shown: kept and unhidden layer pixels.
+
+        Where a nearer surface of the ground hides the layer, its edge fades as well.
+        """
+        if shown is None:
+            np.copyto(ground_bgr, layer_bgr)
+            return
+        left, top, across, down = cv2.boundingRect(shown)
+        if not across or not down:
+            return
+        rows, columns = slice(top, top + down), slice(left, left + across)
+        weight = self._weights(shown, rows, columns)
+        if has_cover(shown):
+            weight = weight * (shown[rows, columns].astype(np.float32) / np.float32(255))
+        part = ground_bgr[rows, columns]
+        upper = layer_bgr[rows, columns].astype(np.float32)
+        part[:] = np.rint(part + (upper - part) * weight[:, :, None]).astype(np.uint8)
+
+    def _weights(self, shown: Mask, rows: slice, columns: slice) -> NDArray[np.float32]:
+        """Return the soft edge's weights, 0 to 1 per pixel of the box around the shown pixels."""
+        box = shown[rows, columns]
+        height_px, width_px = shown.shape
+        # A border of zeros where the box ends within the image; none where the image ends.
+        framed = cv2.copyMakeBorder(box, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+        if rows.start > 0:
+            framed[0] = 0
+        if rows.stop < height_px:
+            framed[-1] = 0
+        if columns.start > 0:
+            framed[:, 0] = 0
+        if columns.stop < width_px:
+            framed[:, -1] = 0
+        far = cv2.distanceTransform(framed, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
+        weight: NDArray[np.float32] = np.minimum(far / np.float32(self._width_px + 1.0), 1.0)
+        return weight
 
 
 class OverlayParameters(StepParameters):
@@ -67,7 +132,12 @@ class OverlayParameters(StepParameters):
         return ""
 
 
-@step("overlay", stage="merge", sensors=OVERLAID, parameters=OverlayParameters)
+@step(
+    "overlay",
+    stage="merge",
+    sensors=lambda traits: traits.overlaid,
+    parameters=OverlayParameters,
+)
 def overlay(parameters: OverlayParameters, context: Context) -> Merge:  # noqa: ARG001 - the interface of steps
     """Lay the kept elements of one reading over the other, by priority.
 
@@ -141,10 +211,10 @@ def _plain(layers: list[AnyMasked], ground: AnyMasked, occlusion: str) -> Readin
             depth_m = reading.depth_m.copy()
             cv2.copyTo(upper.depth_m, mask, depth_m)
             reading = replace(reading, depth_m=depth_m)
-        elif isinstance(reading, LidarScanReading):
-            refuse_other_beams("overlay", upper, reading)
-            ranges_m = np.where(kept_elements(layer), upper.ranges_m, reading.ranges_m)
-            reading = replace(reading, ranges_m=ranges_m)
+        elif name := traits_of(type(reading)).elements:
+            refuse_other_elements("overlay", upper, reading)
+            kept = np.where(kept_elements(layer), getattr(upper, name), getattr(reading, name))
+            reading = replace(reading, **{name: kept})
         elif is_kept(layer):
             reading = upper
     return _lay_reading(Masked(reading))

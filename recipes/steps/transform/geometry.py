@@ -1,11 +1,15 @@
-"""Transforms of an image's geometry: size, crop, camera model."""
+"""Transforms of an image's geometry: size, crop, camera model, and `register`.
 
-from typing import Literal
+The worlds are aligned by the pose of the requested reading, not by warping another one, as a warp
+cannot show what a nearer object hides.
+"""
 
-from pydantic import model_validator
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
 
 from wil_campaign.foundation.files.documents import KeyFaultError, Part
-from wil_campaign.recipes.model.registry import Context, SidedParameters, step
+from wil_campaign.recipes.model.registry import Context, SidedParameters, StepParameters, step
 from wil_campaign.recipes.operations.optics import (
     Aspect,
     ImageReading,
@@ -20,7 +24,15 @@ from wil_campaign.recipes.operations.step_parameters import (
     RotationPart,
     SizePx,
 )
-from wil_campaign.recipes.working import CannotMixError, DropReason, Masked, Operator, Side
+from wil_campaign.recipes.working import (
+    Align,
+    CannotMixError,
+    DropReason,
+    Masked,
+    Operator,
+    PoseRequest,
+    Side,
+)
 from wil_campaign.worlds.frames import IDENTITY
 
 Work = Masked[ImageReading]
@@ -159,3 +171,21 @@ def camera_model(parameters: CameraModelParameters, context: Context) -> Operato
         return remapped(work, require_other("camera_model", to, other).reading.intrinsics, turn)
 
     return operator
+
+
+_FROM_A_PLACE = ("camera", "depth", "lidar", "lidar_points", "rangefinder")
+"""Sensors of the surroundings, which a simulator can render from a requested pose."""
+
+
+class RegisterParameters(StepParameters):
+    """pose: of which vehicle. align: see PoseRequest. max_gap_ms: to the nearest pose sample."""
+
+    pose: Side = "real"
+    align: Align = "interpolate"
+    max_gap_ms: Annotated[float, Field(gt=0, le=1000)] = 100.0
+
+
+@step("register", stage="transform", sensors=_FROM_A_PLACE, parameters=RegisterParameters)
+def register(parameters: RegisterParameters, context: Context) -> PoseRequest:  # noqa: ARG001 - the interface of steps
+    """Take the twin's reading from a vehicle's pose at the time of the real one's exposure."""
+    return PoseRequest(parameters.pose, parameters.align, parameters.max_gap_ms / 1000.0)

@@ -11,8 +11,8 @@ from wil_campaign.campaigns.values.sensor_setups import (
     OtherSetup,
     options_of,
 )
+from wil_campaign.plugins.lidar.lidar import LidarOptions
 from wil_campaign.vehicles.readings import sensor_names
-from wil_campaign.vehicles.sensors.lidar import LidarOptions
 
 ALL = """      stereo: {type: depth, rate_hz: 10, width_px: 160, height_px: 120, fov_deg: 80}
       lidar: {type: lidar, beams: 181, fov_deg: 180, range_max_m: 6, mount: {down_m: -0.05}}
@@ -73,7 +73,7 @@ def test_a_distortion_comes_with_its_intrinsics(files: Files) -> None:
 @pytest.mark.parametrize(
     ("sensor", "said"),
     [
-        ("{type: radar}", "must be camera, depth, lidar, lidar_points"),
+        ("{type: radar}", "must be camera, depth, pose, lidar, lidar_points"),
         ("{rate_hz: 5}", "missing key 'type'"),
         ("{type: imu, rate_hz: 400}", "must be at most 250"),
         ("{type: lidar, beems: 5}", "unknown key 'beems'"),

@@ -10,16 +10,20 @@ from tests.orchestrator.campaign.test_attached_run import outside, words
 from tests.orchestrator.wall_runs import SHORT, Program
 from tests.plugins.readings.publisher import Publisher, publishing
 from tests.ports import free_port
+from wil_campaign.plugins.lidar.rangefinder import LOOKING_DOWN
 from wil_campaign.vehicles.autopilots.autopilot import MessageRate, TelemetryRates
 from wil_campaign.vehicles.driver import Driver
 from wil_campaign.vehicles.links.link_factory import open_link
 from wil_campaign.vehicles.links.link_strings import parse_link
 from wil_campaign.vehicles.mavlink.names import message_number
 from wil_campaign.vehicles.readings import GpsReading, reading_types
-from wil_campaign.vehicles.sensors.lidar import LOOKING_DOWN
+from wil_campaign.vehicles.readings.checks import rest_fault
 from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings
-from wil_campaign.vehicles.sources.readings.mavlink_readings import MavlinkReadings, MavlinkSensor
-from wil_campaign.vehicles.sources.readings.rest_check import rest_fault
+from wil_campaign.vehicles.sources.readings.mavlink_messages import (
+    MavlinkSensor,
+    mavlink_reading,
+)
+from wil_campaign.vehicles.sources.readings.mavlink_readings import MavlinkReadings
 from wil_campaign.worlds.frames import AT_ORIGIN
 from wil_campaign.worlds.geodesy import LocalFrame
 
@@ -54,7 +58,10 @@ async def test_requested_readings_come_over_the_socket_of_the_vehicle(
     port = free_port()
     live = LiveReadings(name=kind, what=message, stall_s=60.0)
     feed = MavlinkReadings(
-        sensor=MavlinkSensor(message=message, mount=LOOKING_DOWN), side="real", into=live
+        sensor=MavlinkSensor(message=message, mount=LOOKING_DOWN),
+        side="real",
+        into=live,
+        read=mavlink_reading(kind),
     )
     line = MessageRate(message_number(message), 20.0, required=False)
     rates = TelemetryRates(position_hz=10.0, attitude_hz=10.0, sensors=(line,))

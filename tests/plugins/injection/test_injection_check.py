@@ -17,7 +17,7 @@ from wil_campaign.plugins.injection.injections import (
     message_name,
     prove_injection,
 )
-from wil_campaign.vehicles.sensors.lidar import RangefinderOptions
+from wil_campaign.plugins.lidar.rangefinder import RangefinderOptions
 from wil_campaign.vehicles.sensors.sensor_spec import MountPart
 from wil_campaign.vehicles.setpoints import Setpoints
 from wil_campaign.worlds.frames import AT_ORIGIN

@@ -12,7 +12,7 @@ from wil_campaign.recipes.visibility.model import (
     ObjectVisibility,
     Virtual,
 )
-from wil_campaign.recipes.visibility.ranges import compare_points, compare_ranges, nearest_m
+from wil_campaign.recipes.visibility.ranges import compare_ranges
 
 WALL = 2
 VIRTUAL = Virtual({WALL: "wall"})
@@ -100,50 +100,6 @@ def test_a_wall_where_nothing_is_due_is_reported() -> None:
         reach_m=(0.15, 12.0),
     )
     assert frame.is_unexpected
-
-
-def points(range_m: float, count: int = 40) -> NDArray[np.float64]:
-    """Return points of a wall ahead, across 4 m."""
-    right = np.linspace(-2.0, 2.0, count)
-    return np.stack([np.full(count, range_m), right, np.zeros(count)], axis=1)
-
-
-def cloud(range_m: float | None) -> FrameVisibility:
-    floor = np.stack(
-        [np.linspace(1.0, 8.0, 50), np.zeros(50), np.ones(50)], axis=1, dtype=np.float32
-    )
-    mixed = floor
-    if range_m is not None:
-        mixed = np.concatenate([floor, points(range_m).astype(np.float32)])
-    due = points(4.0)
-    return compare_points(
-        t_s=1.0,
-        real_m=floor,
-        mixed_m=mixed,
-        expected_m=due,
-        ids=np.full(len(due), WALL, np.uint8),
-        virtual=VIRTUAL,
-    )
-
-
-def test_points_of_a_wall_are_shown_displaced_or_missing() -> None:
-    right, late, none = wall_of(cloud(4.0)), wall_of(cloud(5.0)), wall_of(cloud(None))
-    assert (right.is_shown, right.is_displaced, right.shown) == (True, False, 1.0)
-    assert late.is_displaced
-    assert late.offset == pytest.approx(1.0, abs=0.05)
-    assert (none.in_view, none.is_shown, none.offset) == (True, False, None)
-
-
-@pytest.mark.parametrize("thickness_m", [0.0, 1.5], ids=["wall", "bush"])
-def test_the_nearest_points_are_scipys_to_the_bit(thickness_m: float) -> None:
-    from scipy.spatial import cKDTree
-
-    rng = np.random.default_rng(3)
-    found = rng.uniform(-2.0, 2.0, (800, 3)) * (thickness_m, 1.0, 1.0)
-    due = rng.normal(0.0, 2.0, (300, 3))
-    near_m = nearest_m(due, found.astype(np.float32))
-    assert np.array_equal(near_m, cKDTree(found.astype(np.float32)).query(due)[0])
-    assert nearest_m(due[:1], np.zeros((1, 3), np.float32)) == pytest.approx(np.linalg.norm(due[0]))
 
 
 def test_an_object_left_out_by_name_is_reported_where_beams_should_meet_it() -> None:

@@ -8,7 +8,7 @@ import pytest
 from tests.safety.evidence.test_motion import ESTIMATE, terms
 from wil_campaign.safety.evidence.agreement import Accuracy
 from wil_campaign.safety.evidence.evidence import Evidence
-from wil_campaign.safety.evidence.heading import HeadingAgreement
+from wil_campaign.safety.evidence.poses import HeadingAgreement
 from wil_campaign.safety.evidence.terms import SignalTerms
 from wil_campaign.safety.model.oracle_results import EvidenceResult
 from wil_campaign.safety.model.samples import (

@@ -6,8 +6,9 @@ from typing import Any
 import pytest
 
 from tests.vehicles.readings.thermometer import ThermometerReading
-from wil_campaign.vehicles.readings import ImuReading, checks, reading_types
+from wil_campaign.vehicles.readings import CameraReading, DepthReading, ImuReading, reading_types
 from wil_campaign.vehicles.readings.checks import fault_of
+from wil_campaign.vehicles.readings.kinds import traits_of
 from wil_campaign.vehicles.readings.numbers import is_numbers, number_fields
 
 
@@ -18,7 +19,11 @@ def test_numbers_are_all_but_the_stamps() -> None:
 
 @pytest.mark.parametrize("kind", reading_types().values())
 def test_a_reading_with_more_than_numbers_has_code_of_its_own(kind: type) -> None:
-    assert is_numbers(kind) != (kind in checks._CHECKS)
+    traits = traits_of(kind)
+    has_code = None not in (traits.fault, traits.decode) and (
+        traits.encode is not None or kind in (CameraReading, DepthReading)
+    )
+    assert is_numbers(kind) != has_code
 
 
 def test_a_reading_with_more_than_numbers_is_refused() -> None:

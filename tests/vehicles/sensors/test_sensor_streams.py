@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wil_campaign.foundation.clocks.virtual_loop import run_virtual
+from wil_campaign.plugins.navigation.imu import ImuSensor
 from wil_campaign.vehicles.cameras.rendered_cameras import RenderedImage
 from wil_campaign.vehicles.poses.truth import TruthSample
 from wil_campaign.vehicles.readings import DepthReading, ImuReading, PoseReading, Reading
 from wil_campaign.vehicles.sensors.depth import DepthSensor
-from wil_campaign.vehicles.sensors.imu import ImuSensor
 from wil_campaign.vehicles.sensors.lens import LensImage
 from wil_campaign.vehicles.sensors.sensor_streams import (
     TRUTH_DELAY_S,

@@ -9,12 +9,14 @@ from tests.vehicles.readings.thermometer import ThermometerReading
 from wil_campaign.orchestrator.recording.mcap import mcap_decode
 from wil_campaign.orchestrator.recording.mcap.mcap_bodies import body_of
 from wil_campaign.orchestrator.recording.mcap.mcap_decode import decode
-from wil_campaign.orchestrator.recording.mcap.mcap_json import encode
 from wil_campaign.orchestrator.recording.mcap.mcap_schemas import _numbers
+from wil_campaign.vehicles.readings.messages import encode
+from wil_campaign.vehicles.sensors.sensor_spec import SensorSpec
 
 
 def test_numbers_come_back_to_the_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mcap_decode, "reading_types", lambda: {"thermometer": ThermometerReading})
+    spec = SensorSpec("thermometer", ThermometerReading)
+    monkeypatch.setattr(mcap_decode, "sensor_specs", lambda: {"thermometer": spec})
     reading: Any = ThermometerReading(1.25, 1.5, 7, "twin", 0.1 + 0.2, 4, "cabin")
     schema, fields, data = body_of(reading)
     stamps = {"t_s": 1.25, "arrived_s": 1.5, "seq": 7, "source": "twin", "sensor": "cabin"}
@@ -30,6 +32,6 @@ def test_the_schema_names_each_number() -> None:
     assert properties["temperature_deg_c"] == properties["samples"] == {"type": "number"}
 
 
-def test_an_unknown_type_is_a_key_error() -> None:
-    with pytest.raises(KeyError, match="barometer"):
+def test_an_unknown_type_is_a_value_error() -> None:
+    with pytest.raises(ValueError, match="no sensor type barometer"):
         decode({"wil": {"type": "barometer"}}, {})

@@ -25,7 +25,6 @@ from tests.orchestrator.mcap_runs import (
 )
 from wil_campaign.orchestrator.recording.mcap.mcap_bodies import calibration_body
 from wil_campaign.orchestrator.recording.mcap.mcap_encode import Encoder
-from wil_campaign.orchestrator.recording.mcap.mcap_json import encode, number, pose_in
 from wil_campaign.orchestrator.recording.mcap.mcap_settings import (
     LOSSLESS,
     ImageSettings,
@@ -52,6 +51,7 @@ from wil_campaign.vehicles.readings import (
     Source,
     sensor_type_of,
 )
+from wil_campaign.vehicles.readings.messages import encode, number, pose_in
 from wil_campaign.worlds.camera import CameraMount
 from wil_campaign.worlds.frames import Pose, Vec3
 

@@ -1,14 +1,11 @@
 """What geometry says that a sensor shows, and where it cannot know."""
 
 import math
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from wil_campaign.orchestrator.run.perception.expected_views import ExpectedViews
-from wil_campaign.orchestrator.run.perception.visibility import _some_beams
 from wil_campaign.recipes.visibility.model import Virtual
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
@@ -37,10 +34,3 @@ def test_an_object_behind_a_real_surface_is_unknown(
     else:
         assert expected.unknown is not None
         assert (expected.unknown == unknown).all()
-
-
-@pytest.mark.parametrize(("columns", "cast"), [(90, 90), (375, 375), (750, 375)])
-def test_only_some_beams_of_a_large_lidar_are_cast(columns: int, cast: int) -> None:
-    pattern = SimpleNamespace(columns=columns, rings=8, lowest_rad=-0.2, highest_rad=0.2)
-    lidar: Any = SimpleNamespace(pattern=pattern)
-    assert len(_some_beams(lidar)) == cast * pattern.rings

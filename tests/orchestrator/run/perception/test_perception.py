@@ -338,7 +338,8 @@ def test_the_search_in_clouds_is_imported_before_the_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sets: tuple[str, ...]
 ) -> None:
     searched: list[int] = []
-    monkeypatch.setattr(warm_up, "nearest_m", lambda points, _: searched.append(len(points)))
+    place = "wil_campaign.plugins.lidar.visibility.nearest_m"
+    monkeypatch.setattr(place, lambda points, _: searched.append(len(points)))
     options = Options(cases=("large",), modes=("sim",), sets=sets)
     plan = load_campaign(ROOT / "campaigns" / "gate.yaml", options).runs[0]
     warm_up.warm_up(RunSetup.of(RunOrder(plan=plan, folder=tmp_path, clock="virtual")))

@@ -20,19 +20,21 @@ from wil_campaign.orchestrator.run.perception.visibility import (
     Measured,
     MixtureViews,
     VisibilityProbe,
+    comparison_of,
 )
 from wil_campaign.orchestrator.run.perception.visibility_probes import (
     VisibilityProbes,
-    reach_of_twin,
     sought_objects,
 )
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.plugins.lidar.lidar_points import LidarPointsOptions
+from wil_campaign.plugins.lidar.rangefinder import RangefinderOptions
+from wil_campaign.plugins.lidar.visibility import reach_of
 from wil_campaign.recipes.language.recipe_files import load_recipe_file
 from wil_campaign.recipes.model.recipe import Combination
 from wil_campaign.recipes.visibility.model import ExpectedRanges, FrameVisibility, Virtual
 from wil_campaign.recipes.visibility.sampling import sampled_intrinsics
 from wil_campaign.vehicles.readings import LidarPointsReading, Reading
-from wil_campaign.vehicles.sensors.lidar import LidarPointsOptions, RangefinderOptions
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
 from wil_campaign.vehicles.sensors.sensor_spec import MountPart
 from wil_campaign.worlds.camera import CameraMount
@@ -113,12 +115,15 @@ def measured(folder: Path, sensor: SensorSetup, noise: NoiseSetName, at_m: float
         body=lambda _: AT_ORIGIN,
         is_like=True,
         is_judged=lambda: True,
-        reach_m=reach_of_twin(sensor, noise),
+        noise=noise,
     )
     nothing: Reading = depth(np.inf)
     if sensor is not STEREO:
         nothing = LidarPointsReading(1.0, 1.0, 3, "mixed", np.zeros((0, 3), np.float32))
-    found = VisibilityProbe(parts, views=MixtureViews())._compare(nothing, nothing, AT_ORIGIN, 1.0)
+    comparison = comparison_of(sensor.kind)
+    assert comparison is not None
+    probe = VisibilityProbe(parts, comparison=comparison, views=MixtureViews())
+    found = probe._compare(nothing, nothing, AT_ORIGIN, 1.0)
     assert isinstance(found, FrameVisibility)
     (gate,) = found.objects
     assert gate.shown == 0.0
@@ -152,10 +157,10 @@ def test_an_object_is_due_within_the_reach_of_the_twins_sensor(
 
 def test_a_lidar_with_a_source_of_its_own_has_the_reach_that_the_campaign_gives() -> None:
     source: Any = SimpleNamespace()
-    assert reach_of_twin(spinning(source), "datasheet") == (0.0, np.inf)
+    assert reach_of(spinning(source), "datasheet") == (0.0, np.inf)
     given = spinning(source, range_min_m=1.0, range_max_m=200.0)
-    assert reach_of_twin(given, "datasheet") == (1.0, 200.0)
-    assert reach_of_twin(BELOW, "ideal") == (0.0, np.inf)
+    assert reach_of(given, "datasheet") == (1.0, 200.0)
+    assert reach_of(BELOW, "ideal") == (0.0, np.inf)
 
 
 SEEING = CameraSetup(name="camera", rate_hz=15, intrinsics=CAMERA, mount=CameraMount())

@@ -17,9 +17,9 @@ from wil_campaign.campaigns.values.sensor_setups import (
 )
 from wil_campaign.orchestrator.run.perception import warm_up
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
+from wil_campaign.plugins.lidar.rangefinder import RangefinderOptions
 from wil_campaign.vehicles.embedded.emulations import load_kernels
 from wil_campaign.vehicles.embedded.physics.motion_kernel import estimate
-from wil_campaign.vehicles.sensors.lidar import RangefinderOptions
 from wil_campaign.worlds import jit
 from wil_campaign.worlds.camera import CameraMount
 from wil_campaign.worlds.clearance.surfaces import surface_distance, swept_beyond

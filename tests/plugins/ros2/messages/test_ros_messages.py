@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, OtherSetup
+from wil_campaign.plugins.navigation.gps import GpsOptions
 from wil_campaign.plugins.ros2.messages.reading_messages import reading_messages, sensor_transforms
 from wil_campaign.plugins.ros2.messages.ros_messages import (
     CAMERA_INFO,
@@ -42,7 +43,6 @@ from wil_campaign.vehicles.readings import (
     Reading,
     sensor_type_of,
 )
-from wil_campaign.vehicles.sensors.gps import GpsOptions
 from wil_campaign.worlds.camera import CameraMount, Intrinsics
 from wil_campaign.worlds.frames import Pose, quat_from_euler
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.recipes.samples import build, camera
-from wil_campaign.recipes.operations.soft_edges import has_cover
+from wil_campaign.recipes.steps.merge.overlays import has_cover
 from wil_campaign.recipes.working import Masked
 from wil_campaign.vehicles.readings import BgrImage
 

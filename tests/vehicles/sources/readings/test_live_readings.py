@@ -19,10 +19,10 @@ from wil_campaign.vehicles.readings import (
     PoseReading,
     RangefinderReading,
 )
+from wil_campaign.vehicles.readings.checks import rest_fault
 from wil_campaign.vehicles.sources.camera_source import SourceStalledError
 from wil_campaign.vehicles.sources.readings.frozen_readings import FrozenReadings
 from wil_campaign.vehicles.sources.readings.live_readings import LiveReadings
-from wil_campaign.vehicles.sources.readings.rest_check import rest_fault
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, quat_from_euler
 from wil_campaign.worlds.geodesy import LocalFrame

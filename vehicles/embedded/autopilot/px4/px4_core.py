@@ -10,12 +10,12 @@ from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft
 from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import FlightStyle
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, speed_limits
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import ItemRules
 from wil_campaign.vehicles.embedded.autopilot.flight.sticks import StickLimits
 from wil_campaign.vehicles.embedded.autopilot.flying_autopilot import StandardModes
 from wil_campaign.vehicles.embedded.autopilot.mission_autopilot import MissionAutopilot
 from wil_campaign.vehicles.embedded.autopilot.px4 import px4_telemetry
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_behaviors import Px4Manoeuvres
-from wil_campaign.vehicles.embedded.autopilot.px4.px4_missions import RULES
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_modes import ENTRIES, Px4Mode, px4_mode
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
@@ -25,6 +25,7 @@ from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     Command,
     on_request,
 )
+from wil_campaign.vehicles.embedded.autopilot.services.fence_items import FENCE_COMMANDS
 from wil_campaign.vehicles.embedded.autopilot.services.log_formats import ULog
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, EMERGENCY, INFO
 from wil_campaign.vehicles.embedded.control.law import PX4
@@ -42,6 +43,31 @@ _NO_MISSION_ITEMS = 65535
 """MISSION_CURRENT.total without a mission, as in the reference trace."""
 _PREARM_BIT_OFF_S = 0.18
 """How long the pre-arm bit is 0 when a failsafe begins."""
+
+_FLOWN = {16, 17, 19, 20, 21, 22, 31, 93}
+"""WAYPOINT, LOITER_UNLIM, LOITER_TIME, RETURN_TO_LAUNCH, LAND, TAKEOFF, LOITER_TO_ALT, DELAY."""
+_ACTIONS = {177, 178, 179, 183, 187, 189, 4501}
+"""DO_JUMP, CHANGE_SPEED, SET_HOME, SET_SERVO, SET_ACTUATOR, LAND_START; CONDITION_GATE."""
+_PAYLOADS = {195, 196, 197, 200, 201, 203, 204, 205, 206, 211, 212, 214, 260, 530, 531, 532}
+_CAMERAS = {1000, 1001, 2000, 2001, 2003, 2500, 2501, 42600}
+
+RULES = ItemRules(
+    commands={
+        mavlink.MAV_MISSION_TYPE_MISSION: frozenset(_FLOWN | _ACTIONS | _PAYLOADS | _CAMERAS),
+        mavlink.MAV_MISSION_TYPE_FENCE: FENCE_COMMANDS,
+        mavlink.MAV_MISSION_TYPE_RALLY: frozenset({mavlink.MAV_CMD_NAV_RALLY_POINT}),
+    },
+    frames=frozenset(
+        {
+            mavlink.MAV_FRAME_GLOBAL,
+            mavlink.MAV_FRAME_GLOBAL_INT,
+            mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+            mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+        }
+    ),
+    nan_is_unset=True,
+)
+"""Items of missions, fences and rally points that PX4 accepts (mavlink_mission.cpp, v1.18)."""
 
 
 class Px4Core(MissionAutopilot[Px4Mode]):
