@@ -50,8 +50,9 @@ def pytest_collection_modifyitems(config, items):
 
 
 def test_all_tests_leave_out_what_flies_each_night_and_who_names_a_test_flies_it(
-    pytester: pytest.Pytester,
+    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(ROOT.parent))
     cases = "import pytest\n@pytest.mark.parametrize('k', [1, 2])\ndef test_it(k): ...\n"
     pytester.makepyfile(**{"tests/test_cases": cases})
     pytester.makeini("[pytest]\ntestpaths = tests")
