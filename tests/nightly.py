@@ -83,6 +83,10 @@ NIGHTLY: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "orchestrator/run/flight/test_lockstep_run.py": {
         "test_processes_that_are_late_make_a_flight_slow_and_not_red": ("wil-options1",),
         "test_an_estimate_that_jumps_proves_nothing": (),
+        "test_an_unaltered_flight_passes": (),
+    },
+    "orchestrator/run/flight/test_scenarios.py": {
+        "test_the_scenario_passes_in_simulation": ("avoid-slow",),
     },
     "orchestrator/run/flight/test_scaled_run.py": {
         "test_a_launched_simulator_leads_at_the_pace_that_it_attains": (),
@@ -159,6 +163,7 @@ NIGHTLY: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     },
     "plugins/offline/test_replay_runs.py": {
         "test_images_recorded_as_jpeg_are_replayed_within_what_jpeg_loses": (),
+        "test_steps_that_select_by_time_also_get_images_not_due_in_a_replay": (),
     },
     "plugins/programs/test_program_flights.py": {
         "test_a_program_is_sent_mixtures_of_the_size_that_the_recipe_gives_them": (),
