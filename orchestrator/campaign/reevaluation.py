@@ -19,7 +19,7 @@ from wil_campaign.orchestrator.recording.errors import RecordingError
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME
 from wil_campaign.orchestrator.recording.trajectory import recorded_note
 from wil_campaign.orchestrator.run.judging.run_oracles import build_judge
-from wil_campaign.orchestrator.run.judging.run_outcome import has_begun, reason_of
+from wil_campaign.orchestrator.run.judging.run_outcome import reason_of
 from wil_campaign.orchestrator.run_results.campaign_results import Summary, summarize
 from wil_campaign.orchestrator.run_results.control_results import control_result
 from wil_campaign.orchestrator.run_results.exit_codes import exit_code
@@ -201,8 +201,7 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
         worst=judge.worst_texts,
     )
     note = decision.note or _note_at(folder, decision, before)
-    begun = has_begun(decision, played.stages.get("goal"))
-    reason = reason_of(decision, note, has_begun=begun)
+    reason = reason_of(decision, note, goal_s=played.stages.get("goal"))
     campaign = setup.case
     now = replace(
         before,
@@ -222,7 +221,6 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
             reason=decision.reason,
             decided_by=decision.source,
             subject=before.subject,
-            has_begun=begun,
         ),
     )
     return Reevaluation(before, now)

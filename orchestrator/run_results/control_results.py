@@ -56,19 +56,11 @@ class ControlRun(Protocol):
 
 
 def control_result(
-    expected: Expectation | None,
-    *,
-    verdict: Verdict,
-    reason: str,
-    decided_by: str,
-    subject: str,
-    has_begun: bool,
+    expected: Expectation | None, *, verdict: Verdict, reason: str, decided_by: str, subject: str
 ) -> ControlResult | None:
     """Return the control result of a run with a verdict; None where it is no control.
 
     decided_by: the source of the event that made the verdict; subject: the vehicle judged.
-    has_begun: whether its autonomy flew by then. A FAIL before that is no finding about it, and
-    only what is expected of an oracle or a cause by name.
     """
     if expected is None:
         return None
@@ -77,7 +69,6 @@ def control_result(
         verdict == expected.verdict
         and wanted in {None, decided_by}
         and (expected.cause or "") in reason
-        and (has_begun or verdict != "FAIL" or wanted is not None or expected.cause is not None)
     )
     return ControlResult(expected.case, expected.verdict, expected.oracle, expected.cause, met)
 
@@ -114,8 +105,6 @@ def _fault(run: ControlRun) -> str:
     wanted, by = run.control, _oracle_of(run)
     fault = f"control {run.case} {run.mode} must {expected_text(wanted)}, but {ended_text(run)}"
     fault += f" ({run.bare_reason})"
-    if wanted.verdict == run.verdict and wanted.oracle is None and wanted.cause is None:
-        fault += " before its autonomy flew, which shows nothing; expect an oracle if it is meant"
     if by and wanted.verdict == run.verdict and wanted.oracle not in {None, by}:
         fault += f"; expect oracle: {by}, or leave {by} out"
     return fault

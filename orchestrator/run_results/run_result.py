@@ -380,22 +380,18 @@ def result_without_parts(
         sync=SyncResult(),
         mixing=None,
         decided_by=decision.source,
-        control=control_of(plan, decision, has_begun=False),
+        control=control_of(plan, decision),
         exceptions=exceptions,
         no_retry=no_retry,
     )
 
 
-def control_of(plan: "RunPlan", decision: Decision, *, has_begun: bool) -> ControlResult | None:
-    """Return the control result of a run by its verdict; None where the run is no control.
-
-    has_begun: whether the autonomy flew by then.
-    """
+def control_of(plan: "RunPlan", decision: Decision) -> ControlResult | None:
+    """Return the control result of a run by its verdict; None where the run is no control."""
     return control_result(
         plan.control,
         verdict=decision.verdict,
         reason=decision.reason,
         decided_by=decision.source,
         subject="twin" if plan.mode == "sim" else "real",
-        has_begun=has_begun,
     )

@@ -83,8 +83,7 @@ def result_of(
         worst=judge.worst_texts,
     )
     note = decision.note or run_state.note_at(decision.at_s)
-    begun = has_begun(decision, run_state.entered_s.get("goal"))
-    reason = reason_of(decision, note, has_begun=begun)
+    reason = reason_of(decision, note, goal_s=run_state.entered_s.get("goal"))
     takeoff_s, landed_s = run_state.entered_s.get("takeoff"), run_state.entered_s.get("landed")
     return RunResult(
         case=plan.case,
@@ -111,7 +110,7 @@ def result_of(
         note=note,
         trace=decision.trace,
         not_judged=unjudged(setup.case.oracles, collision_always=setup.case.collision_always),
-        control=control_of(plan, decision, has_begun=begun),
+        control=control_of(plan, decision),
         exceptions=exceptions_of(run_state),
         twin=twin,
         losses=losses,
@@ -142,23 +141,17 @@ def _no_retry(decision: Decision, run_state: RunState, judge: Judge) -> str:
     return next((failed_too(failure.text) for failure in failures), "")
 
 
-def has_begun(decision: Decision, goal_s: float | None) -> bool:
-    """Return whether the autonomy flew by a decision, or was what failed, as it started.
-
-    goal_s: when it began to fly; None where it never did.
-    """
-    is_own = decision.source.partition("/")[0] == "autonomy"
-    return is_own or (goal_s is not None and decision.at_s >= goal_s)
-
-
-def reason_of(decision: Decision, note: str, *, has_begun: bool) -> str:
+def reason_of(decision: Decision, note: str, *, goal_s: float | None) -> str:
     """Return the reason of a run's outcome; of a FAIL, with what the autonomy did by then.
 
-    That is its note at that time, or that it had not begun to fly.
+    That is its note at that time. goal_s: when it began to fly; None where it never did. What an
+    autonomy failed by itself, as it started, has its own reason.
     """
     if decision.verdict != "FAIL":
         return decision.reason
-    return with_note(decision.reason, note, has_begun=has_begun)
+    is_own = decision.source.partition("/")[0] == "autonomy"
+    has_begun = goal_s is not None and decision.at_s >= goal_s
+    return with_note(decision.reason, note, has_begun=is_own or has_begun)
 
 
 def broken_result(

@@ -30,15 +30,9 @@ def control(
     decided_by: str = "reached/twin",
     reason: str = "reached of twin failed: never flew through gate",
     expected: Expectation = BY_REACHED,
-    has_begun: bool = True,
 ) -> RunResult:
     given = control_result(
-        expected,
-        verdict=verdict,
-        reason=reason,
-        decided_by=decided_by,
-        subject="twin",
-        has_begun=has_begun,
+        expected, verdict=verdict, reason=reason, decided_by=decided_by, subject="twin"
     )
     return result(
         verdict,
@@ -81,23 +75,6 @@ def test_a_campaign_is_accepted_only_when_its_controls_end_as_expected(
     runs = [result(), given]
     assert exit_code(runs, ONE, controls_due=1) == code
     assert accepted(runs, ONE, controls_due=1) is is_accepted
-
-
-def test_a_control_that_fails_before_its_autonomy_flew_proves_nothing_unless_it_is_expected() -> (
-    None
-):
-    """As by a fence that ends its takeoff: it would have ended so with any autonomy."""
-    anyhow = Expectation("large", "FAIL")
-    early = control(expected=anyhow, has_begun=False)
-    (fault,) = summary(early).unmet
-    assert "before its autonomy flew, which shows nothing" in fault
-    assert exit_code([result(), early], ONE, controls_due=1) == 1
-    for given in (
-        control(expected=anyhow),
-        control(has_begun=False),
-        control(expected=Expectation("large", "FAIL", None, "never flew"), has_begun=False),
-    ):
-        assert summary(given).unmet == ()
 
 
 def test_a_control_that_was_not_flown_proves_nothing() -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from wil_campaign.orchestrator.run.judging.run_outcome import _unseen, has_begun, reason_of
+from wil_campaign.orchestrator.run.judging.run_outcome import _unseen, reason_of
 from wil_campaign.orchestrator.run_results.run_result import also_of
 from wil_campaign.safety.model.verdict import Decision, DecisiveEvent
 
@@ -59,7 +59,6 @@ def test_a_failure_before_the_autonomy_flew_is_not_taken_for_its_own(
     at_s: float, goal_s: float | None, source: str, said: str
 ) -> None:
     decision = Decision("FAIL", "up", (), source, at_s=at_s)
-    begun = has_begun(decision, goal_s)
-    assert reason_of(decision, "to the gate", has_begun=begun) == said
+    assert reason_of(decision, "to the gate", goal_s=goal_s) == said
     of_the_test = Decision("ERROR", "lost", (), source, at_s=at_s)
-    assert reason_of(of_the_test, "to the gate", has_begun=begun) == "lost"
+    assert reason_of(of_the_test, "to the gate", goal_s=goal_s) == "lost"
