@@ -244,7 +244,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """
     if not config.option.nightly:
         nightly = [item for item in items if _flies_nightly(item)]
-        if not config.option.lf:
+        left = (getattr(config.option, name, None) for name in ("lf", "ignore", "ignore_glob"))
+        if not any(left):
             _find_sisters(items)
         left_out = set(nightly)
         items[:] = [item for item in items if item not in left_out]

@@ -82,7 +82,6 @@ NIGHTLY: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     },
     "orchestrator/run/flight/test_lockstep_run.py": {
         "test_processes_that_are_late_make_a_flight_slow_and_not_red": ("wil-options1",),
-        "test_an_estimate_that_jumps_proves_nothing": (),
         "test_an_unaltered_flight_passes": (),
     },
     "orchestrator/run/flight/test_scenarios.py": {
@@ -148,7 +147,6 @@ NIGHTLY: Mapping[str, Mapping[str, tuple[str, ...]]] = {
         "test_a_radio_that_loses_delays_it": ("px4",),
     },
     "plugins/impaired_links/test_bad_radio.py": {
-        "test_luck_on_the_radio_is_seeded": (),
         "test_the_pair_flies_over_a_radio_that_loses_and_is_late": ("4-gate",),
         "test_a_gap_that_was_recovered_but_too_long_fails": ("gate-ardupilot",),
         "test_a_radio_that_flaps_for_less_than_the_limit_is_flown_by": ("gate",),

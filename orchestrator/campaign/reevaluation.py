@@ -201,7 +201,7 @@ def judge_run_again(plan: RunPlan, folder: Path) -> Reevaluation:
         worst=judge.worst_texts,
     )
     note = decision.note or _note_at(folder, decision, before)
-    reason = reason_of(decision, note, goal_s=played.stages.get("goal"))
+    reason = reason_of(decision, note, oracles, goal_s=played.stages.get("goal"))
     campaign = setup.case
     now = replace(
         before,

@@ -34,6 +34,10 @@ class TouchdownParameters(Parameters):
     ] = None
 
 
+_REPORTED_S = 2.0
+"""An older report that a vehicle stands does not say that it stood as its landing began."""
+
+
 class Touchdown(Oracle):
     """The oracle of the sink rate as the vehicle meets the ground, wherever that is.
 
@@ -46,7 +50,8 @@ class Touchdown(Oracle):
         super().__init__(terms)
         self._max_m_s = max_m_s
         self._has_seen = False
-        self._stands = False
+        self._has_flown = False
+        self._stood_s: float | None = None
         self._downs: list[tuple[float, float]] = []
 
     def on_pose(self, sample: PoseSample) -> Flags:
@@ -59,7 +64,8 @@ class Touchdown(Oracle):
     def on_state(self, sample: StateSample) -> Flags:
         """Take the vehicle's own report of whether it stands as its landing begins."""
         if self.stages.begin_s is None and sample.landed is not None:
-            self._stands = sample.landed
+            self._has_flown = self._has_flown or not sample.landed
+            self._stood_s = sample.t_s if sample.landed and self._has_flown else None
         return NO_FLAGS
 
     def result(self, t_s: float) -> OracleResult:
@@ -69,7 +75,9 @@ class Touchdown(Oracle):
         if self._has_seen and not has_landed:
             return self.verdict(passed=True, limit=self._max_m_s, unit="m/s", detail="not landed")
         fastest = max(self._sink_rates(), default=None)
-        if fastest is None and self._stands and self._has_seen:
+        begin_s, stood_s = self.stages.begin_s, self._stood_s
+        stood = begin_s is not None and stood_s is not None and begin_s - stood_s < _REPORTED_S
+        if fastest is None and stood and self._has_seen:
             detail = "it stood on the ground before it was to land"
             return self.verdict(passed=True, limit=self._max_m_s, unit="m/s", detail=detail)
         if fastest is None:

@@ -3,7 +3,7 @@
 from pydantic import Field
 
 from wil_campaign.safety.model.oracle_results import OracleResult
-from wil_campaign.safety.model.samples import LinkSample, StageSample, StateSample
+from wil_campaign.safety.model.samples import LinkSample, PoseSample, StageSample, StateSample
 from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
     Flags,
@@ -23,57 +23,107 @@ class LinkParameters(Windowed):
     max_gap_s: float = Field(gt=0, description="the longest silence that is allowed")
 
 
-_ON_GROUND_WITHIN_S = 1.0
-"""How long after it is heard to have disarmed near the ground a vehicle may report that it landed.
+_REPORTED_WITHIN_S = 1.2
+"""How long after the one a vehicle may report the other: that it disarmed, that it landed.
 
 HEARTBEAT and EXTENDED_SYS_STATE are streams of their own, which come in no order: a PX4 whose
-COM_DISARM_LAND is short is heard to be disarmed before it is heard to stand on the ground.
+COM_DISARM_LAND is short is heard to be disarmed before it is heard to stand on the ground, and one
+that disarms in the air to have landed, for its autopilot reports so of any disarmed vehicle.
 """
+_STILL_S, _FALLEN_M = 0.3, 0.2
+"""After this time a vehicle that disarmed in the air has fallen farther: 0.44 m."""
 _DISARMED = "disarmed in flight"
 
 
+class _End:
+    """The end of a flight that may be a landing or a fall: from its first report, at down_m."""
+
+    def __init__(self, at_s: float, down_m: float | None, *, has_landed: bool) -> None:
+        self.at_s = at_s
+        self.has_landed = has_landed
+        self.falls = False
+        self._down_m = down_m
+        self._stands = False
+
+    def observe(self, t_s: float, down_m: float) -> None:
+        """Observe a position after the report."""
+        if self._down_m is None or t_s < self.at_s:
+            return
+        self.falls = self.falls or down_m > self._down_m + _FALLEN_M
+        self._stands = self._stands or t_s >= self.at_s + _STILL_S
+
+    @property
+    def is_landing(self) -> bool:
+        """Return whether it is reported to stand, and does not fall."""
+        return self.has_landed and self._stands and not self.falls
+
+
 class VehicleFault(Oracle):
-    """The oracle of the vehicle's own faults, and of disarming in flight."""
+    """The oracle of the vehicle's own faults, and of disarming in flight.
+
+    A vehicle that disarms before it reports the ground disarmed in flight, and in its landing where
+    it falls, too, or does not report the ground in time.
+    """
 
     reports = frozenset({"heartbeat", "landed_state", "estimator"})
 
     def __init__(self, terms: Terms) -> None:
         super().__init__(terms)
         self._seen = False
-        self._was_flying = False
+        self._was_flying = self._is_armed = False
         self._faults: list[tuple[str, float]] = []
-        self._disarmed_s: float | None = None
-        """When it was heard to have disarmed near the ground, until it reports that it landed."""
+        self._down_m: float | None = None
+        self._end: _End | None = None
+
+    def on_pose(self, sample: PoseSample) -> Flags:
+        """Take a pose: a disarmed vehicle that falls has disarmed in flight."""
+        self._down_m = sample.pose.position_ned_m[2]
+        if self._end is None:
+            return NO_FLAGS
+        self._end.observe(sample.t_s, self._down_m)
+        return self._judge_end(sample.t_s)
 
     def on_state(self, sample: StateSample) -> Flags:
         """Take a vehicle's state; each new fault is a flag."""
-        if sample.landed:
-            self._disarmed_s = None
+        was_flying, flies = self._was_flying, sample.armed and sample.landed is False
+        self._was_flying, self._is_armed = flies, sample.armed
+        if self._end is not None and sample.landed:
+            self._end.has_landed = True
         if not self.stages.open:
-            return NO_FLAGS
+            return self._judge_end(sample.t_s)
         self._seen = True
         fault = sample.fault
-        if self._was_flying and not sample.armed and sample.landed is False:
-            if self.stages.near_ground:
-                self._disarmed_s = sample.t_s
+        if was_flying and not flies and sample.landed is not None:
+            if sample.landed or self.stages.at("land") is not None:
+                self._end = _End(sample.t_s, self._down_m, has_landed=sample.landed)
             else:
                 fault = fault or _DISARMED
-        self._was_flying = sample.armed and sample.landed is False
-        return self._fail(fault, sample.t_s) if fault is not None else NO_FLAGS
+        if fault is not None:
+            return self._fail(fault, sample.t_s, flag_s=sample.t_s)
+        return self._judge_end(sample.t_s)
 
     def on_tick(self, t_s: float) -> Flags:
-        """Fail a vehicle that has disarmed near the ground and did not land in time."""
-        since_s = self._disarmed_s
-        if since_s is None or t_s <= since_s + _ON_GROUND_WITHIN_S:
-            return NO_FLAGS
-        self._disarmed_s = None
-        return self._fail(_DISARMED, since_s, flag_s=t_s)
+        """Fail a vehicle that has disarmed in its landing and did not report the ground in time."""
+        return self._judge_end(t_s)
 
-    def _fail(self, fault: str, at_s: float, *, flag_s: float | None = None) -> Flags:
+    def _judge_end(self, t_s: float) -> Flags:
+        """Judge the end of a flight as far as its reports and positions have come."""
+        end = self._end
+        if end is None:
+            return NO_FLAGS
+        is_late = t_s > end.at_s + _REPORTED_WITHIN_S
+        if not self._is_armed and (end.falls or (is_late and not end.has_landed)):
+            self._end = None
+            return self._fail(_DISARMED, end.at_s, flag_s=t_s)
+        if end.is_landing or is_late:
+            self._end = None
+        return NO_FLAGS
+
+    def _fail(self, fault: str, at_s: float, *, flag_s: float) -> Flags:
         if any(text == fault for text, _ in self._faults):
             return NO_FLAGS
         self._faults.append((fault, at_s))
-        return self.flag(at_s if flag_s is None else flag_s, f"{self.vehicle}: {fault}")
+        return self.flag(flag_s, f"{self.vehicle}: {fault}")
 
     def result(self, t_s: float) -> OracleResult:
         """Return FAIL with the texts of the vehicle's faults, at the time of the first."""
@@ -81,8 +131,8 @@ class VehicleFault(Oracle):
         if not self._seen:
             return self.invalid("no state seen")
         faults = list(self._faults)
-        if self._disarmed_s is not None:
-            faults.append((_DISARMED, self._disarmed_s))
+        if self._end is not None and not self._is_armed and not self._end.has_landed:
+            faults.append((_DISARMED, self._end.at_s))
         if not faults:
             return self.verdict(passed=True)
         texts = "; ".join(text for text, _ in faults)

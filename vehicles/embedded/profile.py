@@ -57,6 +57,10 @@ aside at takeoff.
 """
 
 
+_BEYOND_ANY = 1e6
+"""kg, or m: no drone has so much."""
+
+
 class ProfileError(ValueError):
     """An unknown profile. suggestion: the name that was probably meant; empty if there is none."""
 
@@ -306,7 +310,7 @@ def _with_inertia(profile: Node, own: Mapping[str, Entry], base: Node | None = N
     ratio = 1.0
     for key, power in (("mass_kg", 1), ("arm_m", 2)):
         number = given.get(key, its[key])
-        if not isinstance(number, int | float) or number <= 0.0:
+        if not isinstance(number, int | float) or not 0.0 < number < _BEYOND_ANY:
             return profile  # `check` says what is wrong with it
         ratio *= (number / its[key]) ** power
     sized = {

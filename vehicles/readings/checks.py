@@ -10,7 +10,7 @@ from typing import Any
 from wil_campaign.vehicles.readings.faults import Fault
 from wil_campaign.vehicles.readings.images import CameraReading, DepthReading
 from wil_campaign.vehicles.readings.kinds import Reading, faults_of_types, traits_of
-from wil_campaign.vehicles.readings.numbers import number_fields
+from wil_campaign.vehicles.readings.numbers import is_numbers, number_fields
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose
 from wil_campaign.worlds.geodesy import LocalFrame
@@ -20,8 +20,10 @@ def fault_of(reading: Reading) -> Fault | None:
     """Return the first fault of a reading in itself; None when it has none."""
     if (fault := _time_fault(reading)) is not None:
         return fault
-    check = traits_of(type(reading)).fault or _numbers
-    if (fault := check(reading)) is not None:
+    check = traits_of(type(reading)).fault
+    if is_numbers(type(reading)) and (fault := _numbers(reading)) is not None:
+        return fault
+    if check is not None and (fault := check(reading)) is not None:
         return fault
     named = faults_of_types().get(type(reading))
     text = "" if named is None else named(reading)

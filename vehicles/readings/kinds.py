@@ -72,7 +72,11 @@ def faults_of_types() -> Mapping[type[Any], Callable[[Any], str]]:
 
 @cache
 def _traits() -> Mapping[type[Any], ReadingTraits]:
-    return MappingProxyType({spec.reading: spec.traits for spec in sensor_specs().values()})
+    """Return the traits by class; of two types with one class those of the first hold for both."""
+    found: dict[type[Any], ReadingTraits] = {}
+    for spec in sensor_specs().values():
+        found.setdefault(spec.reading, spec.traits)
+    return MappingProxyType(found)
 
 
 def traits_of(kind: type[Any]) -> ReadingTraits:

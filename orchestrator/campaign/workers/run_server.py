@@ -7,6 +7,7 @@ import atexit
 import contextlib
 import multiprocessing as mp
 import os
+import shutil
 import socket
 import stat
 import tempfile
@@ -53,17 +54,23 @@ def start_run_server() -> None:
 
 
 def _forget_lost_server() -> None:
-    """Have another server started where the folder of its socket has gone.
+    """Have another server started, in another folder, where the socket of this one has gone.
 
     A server that ends removes it, and so does what cleans /tmp once it is old: each later campaign
     of the program, as of a search of days, could start no run. The lost one ends after its runs.
     """
-    folder = vars(mp.current_process())["_config"].get("tempdir")  # of util.get_temp_dir
-    if folder is None or Path(folder).is_dir():
-        return
-    Path(folder).mkdir(mode=0o700)
     server: Any = getattr(forkserver, "_forkserver")  # noqa: B009 - private
+    config = vars(mp.current_process())["_config"]
     with server._lock:  # noqa: SLF001 - so are its fields
+        address = server._forkserver_address  # noqa: SLF001
+        folder = config.get("tempdir")  # of util.get_temp_dir
+        if folder is None or Path(address or folder).exists():
+            return
+        for finalizer in tuple(vars(util)["_finalizer_registry"].values()):
+            if folder in (finalizer._args or ()):  # noqa: SLF001
+                finalizer.cancel()  # it would report at the end what has gone
+        del config["tempdir"]
+        shutil.rmtree(folder, ignore_errors=True)
         if server._forkserver_alive_fd is not None:  # noqa: SLF001
             os.close(server._forkserver_alive_fd)  # noqa: SLF001 - the server ends by it
         server._forkserver_alive_fd = server._forkserver_pid = None  # noqa: SLF001

@@ -1,7 +1,7 @@
 """Builds the result of a run from its decisive events, oracles and statistics."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from wil_campaign.campaigns.setup.named_objects import named_objects
@@ -37,8 +37,8 @@ from wil_campaign.orchestrator.state.run_setup import RunSetup
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
 from wil_campaign.recipes.visibility.coverage import Coverage
 from wil_campaign.safety.evaluation.judge import Judge, unjudged
-from wil_campaign.safety.model.oracle_results import Flag
-from wil_campaign.safety.model.verdict import Decision, decide
+from wil_campaign.safety.model.oracle_results import Flag, OracleResult
+from wil_campaign.safety.model.verdict import Decision, decide, source_of
 from wil_campaign.safety.preflight import Item
 from wil_campaign.worlds.scene.scene import Scene, SceneObject
 from wil_campaign.worlds.scene.track import track_of
@@ -83,7 +83,7 @@ def result_of(
         worst=judge.worst_texts,
     )
     note = decision.note or run_state.note_at(decision.at_s)
-    reason = reason_of(decision, note, goal_s=run_state.entered_s.get("goal"))
+    reason = reason_of(decision, note, oracles, goal_s=run_state.entered_s.get("goal"))
     takeoff_s, landed_s = run_state.entered_s.get("takeoff"), run_state.entered_s.get("landed")
     return RunResult(
         case=plan.case,
@@ -141,16 +141,25 @@ def _no_retry(decision: Decision, run_state: RunState, judge: Judge) -> str:
     return next((failed_too(failure.text) for failure in failures), "")
 
 
-def reason_of(decision: Decision, note: str, *, goal_s: float | None) -> str:
+def reason_of(
+    decision: Decision, note: str, oracles: Sequence[OracleResult], *, goal_s: float | None
+) -> str:
     """Return the reason of a run's outcome; of a FAIL, with what the autonomy did by then.
 
-    That is its note at that time. goal_s: when it began to fly; None where it never did. What an
-    autonomy failed by itself, as it started, has its own reason.
+    That is its note at that time, or that it had not begun to fly: not where the oracle that
+    decided was at its worst later. goal_s: when it began; None where it never did. What an autonomy
+    failed by itself, as it started, has its own reason.
     """
     if decision.verdict != "FAIL":
         return decision.reason
     is_own = decision.source.partition("/")[0] == "autonomy"
-    has_begun = goal_s is not None and decision.at_s >= goal_s
+    worst_s = (
+        oracle.at_s
+        for oracle in oracles
+        if oracle.at_s is not None and source_of(oracle.name, oracle.vehicle) == decision.source
+    )
+    at_s = max(decision.at_s, *worst_s, -math.inf)
+    has_begun = goal_s is not None and at_s >= goal_s
     return with_note(decision.reason, note, has_begun=is_own or has_begun)
 
 

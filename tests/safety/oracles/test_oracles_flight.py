@@ -5,7 +5,7 @@ import pytest
 
 from tests.safety.oracles.oracle_rigs import build, fly, numbers, pose, stage, state
 from wil_campaign.safety.model.samples import LinkSample, PoseSample
-from wil_campaign.safety.oracles.oracle import OracleContext, OracleError
+from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError
 from wil_campaign.worlds.frames import Pose, Vec3
 
 
@@ -101,22 +101,47 @@ def test_disarming_in_flight_is_a_fault_and_after_landing_is_not() -> None:
     assert fine.result(5.0).verdict == "PASS"
 
 
-def test_a_landing_vehicle_may_report_that_it_disarmed_before_that_it_landed() -> None:
+def landing(down_m: float) -> Oracle:
+    """Return the oracle of a vehicle that lands, and is so far down at 3.9 s."""
+    judge = build("vehicle_fault")
+    stage(judge, takeoff=1.0, at_height=2.0, land=3.0)
+    judge.on_pose(pose(3.9, (0, 0, down_m)))
+    judge.on_state(state(3.9))
+    return judge
+
+
+@pytest.mark.parametrize("first", ["disarmed", "landed"])
+def test_a_landing_vehicle_may_report_in_any_order_that_it_disarmed_and_landed(first: str) -> None:
     """HEARTBEAT and EXTENDED_SYS_STATE come in no order."""
-    stands, falls, silent = (build("vehicle_fault") for _ in range(3))
-    for judge in (stands, falls, silent):
-        stage(judge, takeoff=1.0, at_height=2.0, land=3.0)
-        judge.on_state(state(3.5))
-        assert not judge.on_state(state(4.0, armed=False))
-        assert not judge.on_tick(5.0)
-    assert not stands.on_state(state(5.0, armed=False, landed=True))
-    assert not stands.on_tick(9.0)
-    assert stands.result(9.0).verdict == "PASS"
-    assert not falls.on_state(state(4.2, armed=False))
-    assert [flag.text for flag in falls.on_tick(5.1)] == ["real: disarmed in flight"]
-    for judge in (falls, silent):
-        result = judge.result(5.1)
-        assert (result.verdict, result.at_s, result.detail) == ("FAIL", 4.0, "disarmed in flight")
+    judge = landing(-0.1)
+    assert not judge.on_state(state(4.0, armed=first == "landed", landed=first == "landed"))
+    assert judge.result(4.0).verdict == ("FAIL" if first == "disarmed" else "PASS")
+    assert not judge.on_state(state(4.2, armed=False, landed=True))
+    assert not judge.on_pose(pose(4.4, (0, 0, 0.05)))
+    assert not judge.on_tick(9.0)
+    assert not judge.on_pose(pose(9.1, (0, 0, 0.4)))
+    assert judge.result(9.2).verdict == "PASS"
+
+
+@pytest.mark.parametrize("first", ["disarmed", "landed"])
+def test_a_vehicle_that_disarms_in_the_air_as_it_lands_does_not_pass(first: str) -> None:
+    """Its autopilot reports the ground of a disarmed vehicle wherever that is."""
+    judge = landing(-1.2)
+    assert not judge.on_state(state(4.0, armed=first == "landed", landed=first == "landed"))
+    flags = [
+        *judge.on_pose(pose(4.25, (0, 0, -0.9))),
+        *judge.on_state(state(4.9, armed=False, landed=True)),
+    ]
+    assert [flag.text for flag in flags] == ["real: disarmed in flight"]
+    result = judge.result(9.0)
+    assert (result.verdict, result.at_s, result.detail) == ("FAIL", 4.0, "disarmed in flight")
+
+
+def test_a_landing_vehicle_that_disarms_and_never_reports_the_ground_fails() -> None:
+    judge = landing(-1.2)
+    assert not judge.on_state(state(4.0, armed=False))
+    assert not judge.on_tick(5.1)
+    assert [flag.text for flag in judge.on_tick(5.3)] == ["real: disarmed in flight"]
 
 
 def test_a_link_gap_is_flagged_when_it_is_over() -> None:

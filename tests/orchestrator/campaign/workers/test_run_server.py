@@ -29,16 +29,21 @@ if __name__ == "__main__":
 """
 _LOST = """
 import os, shutil
-from multiprocessing import util
+from multiprocessing import forkserver, util
 from wil_campaign.orchestrator.campaign.workers.run_server import run_context, start_run_server
 if __name__ == "__main__":
-    for name in ("first", "second", "third"):
+    for name in ("first", "second", "third", "fourth"):
         start_run_server()
         run = run_context().Process(target=os.mkdir, args=(name,))
         run.start()
         run.join()
+        folder = util.get_temp_dir()
         if name == "first":
-            shutil.rmtree(util.get_temp_dir())
+            shutil.rmtree(folder)
+        elif name == "second":
+            shutil.rmtree(os.path.dirname(folder))
+        elif name == "third":
+            os.unlink(forkserver._forkserver._forkserver_address)
 """
 _READ = """
 import sys
@@ -97,7 +102,7 @@ def test_runs_are_flown_after_the_folder_of_the_run_servers_socket_has_gone(
         [sys.executable, program], env=environment, cwd=tmp_path, check=False, capture_output=True
     )
     assert (ended.returncode, ended.stderr) == (0, b"")
-    assert all((tmp_path / name).is_dir() for name in ("first", "second", "third"))
+    assert all((tmp_path / name).is_dir() for name in ("first", "second", "third", "fourth"))
 
 
 def test_a_file_of_the_user_is_not_imported_in_place_of_a_module(tmp_path: Path) -> None:

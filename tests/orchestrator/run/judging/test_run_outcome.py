@@ -1,5 +1,6 @@
 """What stands in a result beside its verdict: later events, and what no mixture had in view."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -7,6 +8,7 @@ import pytest
 
 from wil_campaign.orchestrator.run.judging.run_outcome import _unseen, reason_of
 from wil_campaign.orchestrator.run_results.run_result import also_of
+from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.verdict import Decision, DecisiveEvent
 
 
@@ -59,6 +61,13 @@ def test_a_failure_before_the_autonomy_flew_is_not_taken_for_its_own(
     at_s: float, goal_s: float | None, source: str, said: str
 ) -> None:
     decision = Decision("FAIL", "up", (), source, at_s=at_s)
-    assert reason_of(decision, "to the gate", goal_s=goal_s) == said
+    assert reason_of(decision, "to the gate", (), goal_s=goal_s) == said
     of_the_test = Decision("ERROR", "lost", (), source, at_s=at_s)
-    assert reason_of(of_the_test, "to the gate", goal_s=goal_s) == "lost"
+    assert reason_of(of_the_test, "to the gate", (), goal_s=goal_s) == "lost"
+
+
+def test_an_oracle_that_is_at_its_worst_later_is_no_failure_before_the_autonomy_flew() -> None:
+    decision = Decision("FAIL", "1.2 m at worst", (), "altitude/real", at_s=5.0)
+    worst = OracleResult("altitude", "real", True, "FAIL", 1.2, 0.4, "m", -0.8, 9.5)
+    assert "not begun" in reason_of(decision, "up", (replace(worst, at_s=5.0),), goal_s=9.0)
+    assert "last note was 'up'" in reason_of(decision, "up", (worst,), goal_s=9.0)
