@@ -250,6 +250,18 @@ def test_a_fence_that_is_left_brings_both_down_and_fails(fly_run: Fly) -> None:
     assert all_landed(folder)
 
 
+def test_motors_that_stop_in_the_air_of_a_landing_are_no_landing(fly_run: Fly) -> None:
+    """PX4 reports the ground of any disarmed vehicle, before its HEARTBEAT comes."""
+
+    def stop(pair: Pair) -> None:
+        pair.vehicles["real"].autopilot.stop_motors("a test")
+
+    sets = (*BRIEF, "goal.altitude_m=1.3", "oracles.touchdown.max_m_s=10")
+    result, _ = fly_run(disturb=at_stage("land", 0.15, stop), sets=sets)
+    assert result.verdict == "FAIL"
+    assert "real: disarmed in flight" in result.reason
+
+
 class Reckless:
     """Flies north as fast as it can, for ever."""
 
