@@ -254,7 +254,8 @@ def test_motors_that_stop_in_the_air_of_a_landing_are_no_landing(fly_run: Fly) -
     """PX4 reports the ground of any disarmed vehicle, before its HEARTBEAT comes."""
 
     def stop(pair: Pair) -> None:
-        pair.vehicles["real"].autopilot.stop_motors("a test")
+        embedded: Any = pair.vehicles["real"]
+        embedded.autopilot.stop_motors("a test")
 
     sets = (*BRIEF, "goal.altitude_m=1.3", "oracles.touchdown.max_m_s=10")
     result, _ = fly_run(disturb=at_stage("land", 0.15, stop), sets=sets)
