@@ -200,6 +200,13 @@ def pytest_configure(config: pytest.Config) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_report_header(config: pytest.Config) -> str:
+    """Say what is left out: workers of pytest-xdist do not count it."""
+    if config.option.nightly:
+        return ""
+    return "left out: what flies each night only (tests/nightly.py); --nightly flies it, too"
+
+
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile the control laws before workers of pytest-xdist start, where they are not kept yet.
 

@@ -1,8 +1,9 @@
 """What flies each night and not with each change: cases whose sisters fly with each change.
 
 A sixth of the processor's time of all tests went into flights that differ from another one in the
-autopilot, a seed or a number. `pytest --nightly` and `.ci/run --nightly` fly them too, and so does
-whoever names a file or a test: only a run of all tests leaves them out, and says how many.
+autopilot, a seed or a number, or whose way another test flies, too. `pytest --nightly` and
+`.ci/run --nightly` fly them, and so does whoever names a file or a test: only a run of all tests
+leaves them out, and says so.
 """
 
 from collections.abc import Mapping
