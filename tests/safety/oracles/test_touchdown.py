@@ -107,3 +107,17 @@ def test_a_vehicle_that_flew_to_the_ground_by_itself_has_no_landing_that_was_mis
     else:
         told = ("INVALID", None, "no pose seen while it landed")
     assert (result.verdict, result.actual, result.detail) == told
+
+
+@pytest.mark.parametrize("flown", [True, False])
+def test_a_report_from_long_ago_or_from_before_the_takeoff_shows_no_stand(flown: bool) -> None:
+    judge = build("touchdown", max_m_s=1.0)
+    stage(judge, takeoff=0.0, at_height=1.0)
+    if flown:
+        judge.on_state(state(1.5, landed=False))
+    judge.on_state(state(2.0, landed=True))
+    judge.on_pose(pose(2.0))
+    land_s = 4.1 if flown else 2.1
+    stage(judge, land=land_s, landed=land_s + 0.05)
+    result = judge.result(land_s + 0.05)
+    assert (result.verdict, result.detail) == ("INVALID", "no pose seen while it landed")

@@ -88,6 +88,30 @@ def test_it_is_checked_and_its_elements_are_counted() -> None:
     assert element_shape(echoes(1.0, 2.0)) == (2,)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SoundingReading(NumbersReading):
+    """A depth of water. depth_m: metres."""
+
+    depth_m: float
+
+
+def test_no_other_type_and_no_check_of_its_own_switches_a_check_off(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lax = ReadingTraits(fault=lambda _: None)
+    specs = {
+        **kinds.sensor_specs(),
+        "other sonar": SensorSpec("other sonar", EchoReading, traits=lax),
+        "sounder": SensorSpec("sounder", SoundingReading, traits=lax),
+    }
+    monkeypatch.setattr("wil_campaign.vehicles.readings.kinds.sensor_specs", lambda: specs)
+    kinds._traits.cache_clear()
+    assert kinds.traits_of(EchoReading) is TRAITS
+    fault = fault_of(SoundingReading(1.0, 1.0, 0, "twin", depth_m=float("nan")))  # type: ignore[arg-type]  # no class of ours
+    assert fault is not None
+    assert fault.kind == "not_finite"
+
+
 def test_it_is_recorded_and_read_back() -> None:
     title, fields, data = body_of(echoes(0.1, 2.0))
     assert (title, data) == ("lab.Echoes", None)

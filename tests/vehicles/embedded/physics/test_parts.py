@@ -303,6 +303,15 @@ def test_an_inertia_left_out_grows_with_mass_and_arms(
     assert given == before.model_copy(update={"max_thrust_n": 10.0, "inertia_zz_kg_m2": 0.04})
 
 
+def test_arms_beyond_any_drone_are_a_fault_of_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "mine.yaml"
+    head = "schema: wil/profile/1\ndescription: big\nbase: nominal\n"
+    for huge in ("arm_m: 1.0e+200", "mass_kg: 1.0e+300"):
+        file.write_text(f"{head}airframe: {{{huge}}}\n")
+        with pytest.raises(BadInput):
+            load_profile(file)
+
+
 def test_a_drone_of_strong_motors_needs_its_own_inertia(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     head = "schema: wil/profile/1\ndescription: big\nbase: nominal\n"
