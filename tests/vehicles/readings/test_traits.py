@@ -107,7 +107,10 @@ def test_no_other_type_and_no_check_of_its_own_switches_a_check_off(
     monkeypatch.setattr("wil_campaign.vehicles.readings.kinds.sensor_specs", lambda: specs)
     kinds._traits.cache_clear()
     assert kinds.traits_of(EchoReading) is TRAITS
-    fault = fault_of(SoundingReading(1.0, 1.0, 0, "twin", depth_m=float("nan")))  # type: ignore[arg-type]  # no class of ours
+    sounding: Any = SoundingReading(
+        t_s=1.0, arrived_s=1.0, seq=0, source="twin", depth_m=float("nan")
+    )
+    fault = fault_of(sounding)
     assert fault is not None
     assert fault.kind == "not_finite"
 
