@@ -23,7 +23,7 @@ from typing import IO
 import pytest
 from hypothesis import settings
 
-from tests.nightly import NIGHTLY, flies_nightly
+from tests.in_turn import SHARES, flies_in_turn, share_of_commit
 from tests.ports import free_port
 from wil_campaign.foundation.processes.linux import die_with_parent
 
@@ -167,6 +167,7 @@ YIELDING_SESSION = 5
 
 So has whatever else is busy on the machine: with 10 it left a tenth, and tests ran out of time."""
 _WEIGHED = pytest.StashKey[int]()
+_SHARE = pytest.StashKey[int | None]()
 
 
 @pytest.hookimpl(optionalhook=True)  # of pytest-xdist
@@ -182,8 +183,8 @@ def pytest_xdist_auto_num_workers() -> int | None:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add what flies the cases of tests/nightly.py, too."""
-    parser.addoption("--nightly", action="store_true", help="fly what else flies each night only")
+    """Add what flies all of tests/in_turn.py."""
+    parser.addoption("--all", action="store_true", help="fly all that flies in turn, too")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -194,17 +195,18 @@ def pytest_configure(config: pytest.Config) -> None:
     """
     if hasattr(config, "workerinput") and sys.platform == "linux":
         die_with_parent(signal.SIGTERM)
-    if config.args_source is not pytest.Config.ArgsSource.TESTPATHS:
-        config.option.nightly = True
+    named = config.args_source is not pytest.Config.ArgsSource.TESTPATHS
+    config.stash[_SHARE] = None if named or config.option.all else share_of_commit(ROOT)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_report_header(config: pytest.Config) -> str:
     """Say what is left out: workers of pytest-xdist do not count it."""
-    if config.option.nightly:
+    if (share := config.stash[_SHARE]) is None:
         return ""
-    return "left out: what flies each night only (tests/nightly.py); --nightly flies it, too"
+    of = f"share {share + 1} of {SHARES}, by the commit"
+    return f"in turn: of tests/in_turn.py {of}; the others are left out, --all flies all"
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -242,21 +244,18 @@ def _weigh_session(config: pytest.Config, nice: int) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what flies each night; mark what is not of the fast tier; order the workers' work.
+    """Leave out whose turn it is not; mark what is not of the fast tier; order the workers' work.
 
     `pytest -m "not slow"` leaves out what is not of the fast tier. Of the workers of pytest-xdist
     two begin with the flights on the wall clock, one if there are few workers, two others with what
     else waits on it and then with the flights that need no turn: they are long. Further ones begin
     with what waits for nothing, which fills the processor that the others leave idle.
     """
-    if not config.option.nightly:
-        nightly = [item for item in items if _flies_nightly(item)]
-        left = (getattr(config.option, name, None) for name in ("lf", "ignore", "ignore_glob"))
-        if not any(left):
-            _find_sisters(items)
-        left_out = set(nightly)
+    if (share := config.stash[_SHARE]) is not None:
+        in_turn = sorted(filter(_flies_in_turn, items), key=lambda item: item.nodeid)
+        left_out = set(in_turn).difference(in_turn[share::SHARES])
         items[:] = [item for item in items if item not in left_out]
-        config.hook.pytest_deselected(items=nightly)
+        config.hook.pytest_deselected(items=[item for item in in_turn if item in left_out])
     flights: list[pytest.Item] = []
     waiting: list[pytest.Item] = []
     long: list[pytest.Item] = []
@@ -380,23 +379,9 @@ def _workers() -> int:
     return int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
 
 
-def _flies_nightly(item: pytest.Item) -> bool:
+def _flies_in_turn(item: pytest.Item) -> bool:
     in_tests = item.path.is_relative_to(ROOT)
-    return in_tests and flies_nightly(item.path.relative_to(ROOT).as_posix(), item.name)
-
-
-def _find_sisters(items: list[pytest.Item]) -> None:
-    """Raise UsageError where what stands in for others is not among all tests."""
-    there = {(item.path, item.name) for item in items}
-    missing = [
-        f"{file}::{function}[{case}]"
-        for file, functions in NIGHTLY.items()
-        for function, kept in functions.items()
-        for case in kept
-        if (ROOT / file, f"{function}[{case}]") not in there
-    ]
-    if missing:
-        raise pytest.UsageError(f"tests/nightly.py names what is no test: {', '.join(missing)}")
+    return in_tests and flies_in_turn(item.path.relative_to(ROOT).as_posix(), item.name)
 
 
 def _needs_turn(item: pytest.Item) -> bool:

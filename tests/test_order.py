@@ -1,5 +1,6 @@
 """The order of the tests: what flies on the wall clock is known, and one worker begins with it."""
 
+import subprocess
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from tests.conftest import (
     _shares,
     _take_core,
 )
-from tests.nightly import NIGHTLY, flies_nightly
+from tests.in_turn import IN_TURN, SHARES, flies_in_turn, share_of_commit
 
 
 @pytest.mark.parametrize("place", [*FAST, *FLIGHTS, *WALL])
@@ -26,48 +27,60 @@ def test_a_place_that_is_named_is_there(place: str) -> None:
     assert (ROOT / place).exists()
 
 
-@pytest.mark.parametrize("place", NIGHTLY)
-def test_what_flies_each_night_is_there(place: str) -> None:
-    """Whether the cases that stand in for others are there is known with all tests: conftest."""
+@pytest.mark.parametrize("place", IN_TURN)
+def test_what_flies_in_turn_is_there(place: str) -> None:
     source = (ROOT / place).read_text("utf-8")
-    for function, kept in NIGHTLY[place].items():
+    for function in IN_TURN[place]:
         assert f"def {function}(" in source
-        assert not any(flies_nightly(place, f"{function}[{case}]") for case in kept)
-        assert flies_nightly(place, f"{function}[another]")
+        assert flies_in_turn(place, f"{function}[a case]")
+    assert flies_in_turn(place, "test_another") != bool(IN_TURN[place])
+
+
+def test_a_commit_has_its_share_and_what_is_no_checkout_has_all(tmp_path: Path) -> None:
+    def git(*words: str) -> str:
+        who = ("-c", "user.name=Test", "-c", "user.email=test@localhost")
+        return subprocess.check_output(["git", *who, "-C", tmp_path, *words], text=True)  # noqa: S603, S607
+
+    assert share_of_commit(tmp_path) is None
+    git("init", "-q")
+    assert share_of_commit(tmp_path) is None
+    git("commit", "-qm", "the first", "--allow-empty")
+    assert share_of_commit(tmp_path) == int(git("rev-parse", "HEAD")[:8], 16) % SHARES
 
 
 CONFTEST = """\
 import tests.conftest as ours
-from tests.conftest import pytest_addoption, pytest_configure
+from tests.conftest import pytest_addoption, pytest_report_header
+
+ours.share_of_commit = lambda folder: 1
+ours._flies_in_turn = lambda item: item.name != "test_it[0]"
+ours._is_among = lambda *_: True
+pytest_configure = ours.pytest_configure
 
 def pytest_collection_modifyitems(config, items):
-    ours._flies_nightly = lambda item: item.name == "test_it[2]"
-    ours._is_among = lambda *_: True
     ours.ROOT = config.rootpath
-    ours.NIGHTLY = {"tests/test_cases.py": {"test_it": ("KEPT",)}}
     ours.pytest_collection_modifyitems(config, items)
 """
 
 
-def test_all_tests_leave_out_what_flies_each_night_and_who_names_a_test_flies_it(
+def test_all_tests_leave_out_whose_turn_it_is_not_and_who_names_a_test_flies_it(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PYTHONPATH", str(ROOT.parent))
-    cases = "import pytest\n@pytest.mark.parametrize('k', [1, 2])\ndef test_it(k): ...\n"
+    cases = "import pytest\n@pytest.mark.parametrize('k', range(11))\ndef test_it(k): ...\n"
     pytester.makepyfile(**{"tests/test_cases": cases})
     pytester.makeini("[pytest]\ntestpaths = tests")
+    pytester.makeconftest(CONFTEST)
 
-    def ended(*words: str, kept: str = "1") -> pytest.RunResult:
-        pytester.makeconftest(CONFTEST.replace("KEPT", kept))
+    def ended(*words: str) -> pytest.RunResult:
         return pytester.runpytest_subprocess("-p", "no:wil-campaign", *words)
 
-    ended().assert_outcomes(passed=1, deselected=1)
-    ended("--nightly").assert_outcomes(passed=2)
-    ended("tests/test_cases.py").assert_outcomes(passed=2)
-    ended("-n", "1").assert_outcomes(passed=1)
-    ended("-n", "1", "tests/test_cases.py").assert_outcomes(passed=2)
-    missing = "*names what is no test: tests/test_cases.py::test_it[[]3[]]*"
-    ended(kept="3").stderr.fnmatch_lines([missing])
+    some = ended()
+    some.assert_outcomes(passed=1 + 2, deselected=8)
+    some.stdout.fnmatch_lines(["in turn: of tests/in_turn.py share 2 of 5, by the commit;*"])
+    ended("--all").assert_outcomes(passed=11)
+    ended("-n", "1").assert_outcomes(passed=1 + 2)
+    ended("-n", "1", "tests/test_cases.py").assert_outcomes(passed=11)
 
 
 def test_every_module_that_flies_a_program_is_among_the_flights() -> None:

@@ -1,0 +1,323 @@
+"""What flies in turn: with each commit a fifth of it, which the commit's hash chooses.
+
+Half of the processor's time of all tests goes into a fiftieth of them: flights of programs on the
+wall clock, and flights that differ from others in a little. All of it flies within some commits of
+any branch, and the same of it with the same commit on every machine. `pytest --all` and
+`.ci/run --all` fly it all, and so does whoever names a file or a test: only a run of all tests
+leaves something out, and says so.
+"""
+
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+
+SHARES = 5
+IN_TURN: Mapping[str, tuple[str, ...]] = {
+    "campaigns/checks/test_case_warnings.py": (
+        "test_time_without_a_processor_is_not_the_autonomys",
+    ),
+    "faults/exceptions/test_injected_exceptions.py": (
+        "test_no_exception_is_lost",
+        "test_a_watcher_that_raises_at_the_end_of_a_flight_is_no_pass",
+    ),
+    "faults/exceptions/test_wall_exceptions.py": (),
+    "faults/test_clock_steps.py": (),
+    "faults/test_field_faults.py": (
+        "test_messages_of_a_second_sender_hide_no_wall",
+        "test_a_part_that_is_lost_is_refused_or_nothing_says_that_it_was_there",
+    ),
+    "faults/test_signal_faults.py": (
+        "test_no_fault_of_a_signal_makes_a_flight_pass_that_must_fail",
+    ),
+    "faults/test_socket_flights.py": (
+        "test_a_wall_is_touched_over_relays_that_alter_nothing",
+        "test_motion_capture_that_repeats_itself_before_a_wall_proves_nothing",
+    ),
+    "faults/test_virtual_kills.py": (
+        "test_both_vehicles_come_down_and_nothing_passes_after_any_kill",
+        "test_both_vehicles_come_down_after_any_trouble",
+        "test_a_step_of_the_wall_clock_changes_nothing",
+    ),
+    "orchestrator/campaign/resuming/test_runs_to_fly.py": (
+        "test_a_run_that_lands_after_a_kill_is_flown_again",
+        "test_no_run_counts_twice_after_two_kills_with_its_run",
+    ),
+    "orchestrator/campaign/test_attached_run.py": (),
+    "orchestrator/campaign/test_reevaluation.py": (
+        "test_a_recorded_run_is_judged_as_it_was_flown",
+        "test_another_limit_is_tried_without_a_flight",
+        "test_no_code_that_the_files_name_is_run",
+        "test_a_reason_quotes_the_note_of_the_moment_that_decided",
+        "test_judge_counts_the_end_of_a_campaign_outside_of_its_runs",
+    ),
+    "orchestrator/campaign/test_side_by_side.py": (),
+    "orchestrator/campaign/workers/test_worker_pool.py": (
+        "test_time_without_a_processor_is_not_that_of_loading",
+    ),
+    "orchestrator/cli/commands/test_run_command.py": (
+        "test_a_campaign_flies_on_when_nobody_looks_on",
+        "test_a_signal_to_the_whole_group_lands_flying_vehicles",
+        "test_a_run_that_hangs_before_its_first_word_ends_with_the_first_signal",
+    ),
+    "orchestrator/external/test_attached_readings.py": (),
+    "orchestrator/external/test_external_flights.py": (),
+    "orchestrator/external/test_reading_flights.py": (
+        "test_sensors_that_the_vehicle_sends_are_mixed_as_any",
+        "test_an_ardupilot_sends_mg_and_mrad",
+        "test_a_sensor_that_is_spoiled_in_flight_proves_nothing",
+        "test_a_recording_is_flown_by_and_is_an_error_when_it_ends_in_flight",
+        "test_recorded_depth_is_mixed_perceived_recorded_and_read_back",
+        "test_depth_that_is_spoiled_proves_nothing",
+    ),
+    "orchestrator/external/test_sourced_flights.py": (),
+    "orchestrator/recording/test_recorded_images.py": (
+        "test_a_flight_records_no_image_that_it_drew_and_all_read_it",
+    ),
+    "orchestrator/recording/test_wall_recording.py": (),
+    "orchestrator/run/flight/test_actor_flight.py": (
+        "test_the_intruder_touches_a_vehicle_that_does_not_evade",
+        "test_equal_runs_with_an_actor_are_equal_to_the_byte",
+        "test_a_contact_with_the_actor_in_mode_real_fails_the_run",
+        "test_an_actor_that_leaves_its_fence_lands_and_is_no_fault_of_the_subject",
+        "test_an_actor_that_does_not_fly_its_motion_makes_the_run_invalid",
+        "test_an_actor_that_is_slower_than_its_motion_makes_the_run_invalid",
+    ),
+    "orchestrator/run/flight/test_actor_links.py": (),
+    "orchestrator/run/flight/test_fence_changes.py": (
+        "test_a_new_fence_holds_for_both_and_the_flight_goes_on",
+        "test_a_first_fence_holds_where_there_was_none",
+        "test_a_vehicle_that_leaves_the_new_fence_is_brought_down",
+    ),
+    "orchestrator/run/flight/test_ground.py": (
+        "test_a_vehicle_that_touches_the_ground_in_flight_fails",
+        "test_an_object_that_never_moved_is_a_caveat",
+    ),
+    "orchestrator/run/flight/test_lockstep_run.py": (
+        "test_processes_that_are_late_make_a_flight_slow_and_not_red",
+        "test_an_orchestrator_that_hangs_has_its_vehicles_landed",
+        "test_an_estimate_that_jumps_proves_nothing",
+        "test_an_estimate_that_freezes_proves_nothing",
+        "test_an_unaltered_flight_passes",
+    ),
+    "orchestrator/run/flight/test_run.py": (
+        "test_the_same_seed_gives_the_same_bytes_watched_or_not_and_another_seed_others",
+        "test_sim_flies_the_twin_alone_and_judges_it",
+        "test_a_thing_that_moves_starts_at_its_event",
+        "test_a_vehicle_that_dies_in_flight_is_an_error_and_the_other_lands",
+        "test_limits_keep_a_reckless_autonomy_inside_of_the_fence",
+        "test_an_autonomy_that_never_ends_runs_into_the_time_limit",
+        "test_a_full_disk_lands_the_flight_and_is_an_error",
+    ),
+    "orchestrator/run/flight/test_scaled_run.py": (
+        "test_a_flight_at_four_times_real_time",
+        "test_a_launched_simulator_leads_at_the_pace_that_it_attains",
+        "test_a_simulation_that_stands_still_ends_the_run",
+        "test_an_orchestrator_that_is_killed_leaves_vehicles_that_land",
+    ),
+    "orchestrator/run/flight/test_scenarios.py": (),
+    "orchestrator/run/flight/test_wall_run.py": (
+        "test_the_operator_holds_and_gives_another_fence_and_then_aborts",
+        "test_ctrl_c_lands_first",
+        "test_a_pilot_at_a_ground_station_takes_over",
+        "test_a_slow_autonomy_fails_and_holds_nothing_up",
+    ),
+    "orchestrator/run/flight/test_wire_faults.py": (
+        "test_heading_corrected_in_flight_is_no_pass",
+        "test_estimators_loss_is_invalid",
+        "test_fix_that_is_lost_is_a_fault_whatever_is_judged",
+        "test_dead_reckoning_that_is_permitted_is_a_caveat",
+    ),
+    "orchestrator/run/judging/test_run_evidence.py": (
+        "test_motion_capture_counts_from_takeoff_to_landed",
+        "test_a_radio_is_held_to_its_rate_or_to_what_the_campaign_says",
+    ),
+    "orchestrator/run/perception/test_autonomy_calls.py": (
+        "test_a_faulty_autonomy_fails_the_run_and_all_land",
+    ),
+    "orchestrator/run/perception/test_autonomy_lane.py": (
+        "test_a_call_that_keeps_the_interpreter_is_named",
+    ),
+    "orchestrator/run/perception/test_autonomy_memory.py": (
+        "test_a_run_whose_autonomy_eats_memory_fails_and_lands",
+        "test_a_run_whose_autonomy_spins_ends_within_the_campaigns_time_for_a_call",
+    ),
+    "orchestrator/run/perception/test_perception.py": (
+        "test_every_sensor_is_mixed_delivered_and_recorded",
+        "test_an_autonomy_that_paints_on_its_images_changes_no_others",
+        "test_mixing_that_leaves_its_budget_makes_a_run_invalid",
+        "test_an_object_of_other_cases_isolates_nothing",
+        "test_a_vehicle_alone_perceives_all_its_own_sensors",
+    ),
+    "orchestrator/run/perception/test_stray_errors.py": (
+        "test_an_error_outside_of_a_call_is_a_failure_of_the_autonomy",
+    ),
+    "orchestrator/run/perception/test_visibility_runs.py": (
+        "test_a_recipe_that_changes_the_whole_picture_is_measured_too",
+        "test_an_object_that_the_recipe_need_not_show_is_not_missed",
+        "test_a_recipe_that_shows_no_objects_says_that_it_was_not_measured",
+        "test_the_outputs_of_a_measured_mixture_are_held_until_the_next_one",
+        "test_beams_are_compared_with_what_geometry_puts_before_them",
+    ),
+    "orchestrator/run/stages/test_anchor_capture.py": (
+        "test_a_flight_that_is_anchored_by_motion_capture",
+    ),
+    "orchestrator/run/stages/test_landing.py": (
+        "test_a_word_that_a_landing_vehicle_is_disarmed_ends_no_run_in_the_air",
+    ),
+    "orchestrator/run/stages/test_liftoff.py": (),
+    "orchestrator/run/stages/test_operator_hold.py": (
+        "test_a_hold_before_the_goal_only_delays_it",
+        "test_a_hold_after_the_goal_proves_nothing_and_the_flight_goes_on",
+        "test_nothing_of_the_flight_ends_it_while_it_is_held",
+        "test_a_hold_while_landing_stops_it_in_the_air",
+        "test_the_operator_may_abort_during_a_hold",
+    ),
+    "orchestrator/run/stages/test_twin_coupling.py": (),
+    "orchestrator/run/vehicles/test_compiled_physics.py": ("test_a_pair_without_jsbsim_passes",),
+    "orchestrator/run/vehicles/test_firmware_record.py": (
+        "test_the_firmware_and_a_digest_of_its_parameters",
+    ),
+    "orchestrator/run/vehicles/test_onboard_fences.py": (
+        "test_both_autopilots_have_the_new_fence",
+        "test_it_is_judged_again_by_the_fence_that_held_then",
+        "test_each_vehicle_may_get_one_of_its_own",
+        "test_no_autopilot_keeps_a_fence_that_one_of_them_refuses",
+        "test_a_radio_that_loses_delays_it",
+    ),
+    "orchestrator/state/test_return_path.py": ("test_it_flies_back_and_stands_at_its_start",),
+    "plugins/cluster/bench/test_bench_deaths.py": (),
+    "plugins/cluster/bench/test_bench_flight.py": (),
+    "plugins/cluster/test_s3.py": ("test_a_server_that_vanishes_is_an_error_with_its_address",),
+    "plugins/console/test_console_flight.py": (),
+    "plugins/foxglove/test_bridge_flight.py": (),
+    "plugins/impaired_links/test_bad_radio.py": (
+        "test_the_pair_flies_over_a_radio_that_loses_and_is_late",
+        "test_luck_on_the_radio_is_seeded",
+        "test_px4_returns_by_itself_in_an_outage_and_that_ends_at_the_ceiling",
+        "test_ardupilot_waits_in_place_and_a_lost_vehicle_is_no_fail_of_the_autonomy",
+        "test_a_gap_that_was_recovered_but_too_long_fails",
+        "test_a_radio_that_flaps_for_less_than_the_limit_is_flown_by",
+        "test_a_radio_that_flaps_for_longer_fails_at_its_first_gap",
+    ),
+    "plugins/impaired_links/test_impaired_flight.py": ("test_a_flight_over_a_bad_radio",),
+    "plugins/injection/test_injected_flights.py": (
+        "test_the_real_autopilot_stops_before_a_wall_that_is_not_there_and_again",
+    ),
+    "plugins/logs/test_start_from_log.py": ("test_the_log_of_a_run_is_flown_again",),
+    "plugins/mavsdk/test_mavsdk_run.py": (),
+    "plugins/offline/test_replay_runs.py": (
+        "test_a_run_mixed_anew_equals_its_recording",
+        "test_steps_that_select_by_time_also_get_images_not_due_in_a_replay",
+        "test_images_recorded_as_jpeg_are_replayed_within_what_jpeg_loses",
+    ),
+    "plugins/programs/test_program_flights.py": (),
+    "plugins/pytest/test_pytest_plugin.py": (
+        "test_a_fail_is_a_failure_and_an_unproven_run_an_error",
+        "test_a_campaign_that_cannot_be_flown_is_an_error_of_each_run",
+        "test_the_end_of_a_campaign_outside_of_its_runs_is_an_error_of_its_own",
+        "test_an_aborted_run_is_an_error_whether_or_not_it_counts",
+        "test_an_exit_code_that_the_runs_explain_is_no_further_error",
+    ),
+    "plugins/python/test_flown_places.py": (
+        "test_a_program_says_what_a_bench_of_this_machine_needs",
+        "test_a_program_flies_on_a_bench_of_this_machine_with_consent_alone",
+        "test_a_user_without_the_right_to_arm_cannot_arm_a_bench_by_a_program",
+        "test_a_program_names_an_engine",
+    ),
+    "plugins/python/test_mock_vehicle.py": ("test_the_fixture_in_a_session_of_pytest",),
+    "plugins/python/test_python_docs.py": (
+        "test_the_examples_of_the_page_run",
+        "test_an_exception_of_the_program_lands_first",
+    ),
+    "plugins/ros2/test_node_flights.py": (
+        "test_a_node_flies_the_same_way_twice",
+        "test_a_bag_played_back_into_the_same_node_gives_the_same_setpoints",
+        "test_a_node_that_breaks_in_flight_fails_the_run_with_its_last_lines",
+        "test_a_node_with_the_topics_of_mavros_flies_by_the_map_of_the_page",
+        "test_a_node_of_px4_msgs_arms_climbs_and_lands_by_its_commands",
+        "test_a_node_aborts_at_any_stage_and_where_it_ends_itself",
+        "test_a_shadow_flies_the_setpoints_of_a_node",
+    ),
+    "plugins/ros2/test_node_wall_flight.py": ("test_a_node_flies_over_zenoh",),
+    "plugins/search/test_search_flown.py": (
+        "test_a_failure_is_found_confirmed_made_smaller_and_flown_from_its_file",
+    ),
+    "plugins/search/test_search_on_bench.py": (
+        "test_a_search_on_a_bench_asks_before_each_flight_and_ends_without_consent",
+    ),
+    "plugins/standalone/test_vehicle_camera.py": (
+        "test_a_ground_station_s_connect_sequence_ends_at_pictures_of_the_world",
+    ),
+    "plugins/statistics/test_conclusions.py": (
+        "test_published_counts_are_named_as_those_of_others",
+        "test_the_conclusions_come_before_the_tables",
+    ),
+    "plugins/statistics/test_study.py": (
+        "test_the_command_prints_tables_and_one_document",
+        "test_a_flight_prints_the_comparison_only_of_modes_beside_reality",
+    ),
+    "plugins/step_response/test_vehicle_flight.py": (
+        "test_ctrl_c_lands_and_disarms_first_however_often",
+    ),
+    "safety/guard/test_guard_embedded.py": (
+        "test_the_truth_stays_inside_of_the_fence",
+        "test_interrupted_at_any_moment_both_come_down",
+    ),
+    "test_ci_files.py": ("test_the_action_validates_flies_and_shows_what_failed",),
+    "test_tutorial_docs.py": ("test_the_flights_of_the_page_print_what_it_shows",),
+    "vehicles/clients/test_clients.py": (
+        "test_mavsdk_flies_the_embedded_vehicle",
+        "test_scripts_with_pymavlink_fly_the_embedded_vehicle",
+        "test_mavproxy_flies_the_embedded_vehicle",
+        "test_a_mock_vehicle_answers_all_that_qgroundcontrol_asks",
+    ),
+    "vehicles/driver/onboard/test_onboard.py": ("test_logs_of_a_flight_are_whole",),
+    "vehicles/driver/test_conformance.py": ("test_each_driver_flies_a_whole_flight",),
+    "vehicles/driver/test_flights_in_a_row.py": (
+        "test_ten_flights_in_a_row_of_which_somebody_else_ends_every_second",
+    ),
+    "vehicles/embedded/autopilot/test_fuzz.py": (
+        "test_an_autopilot_survives_every_message_of_the_dialect",
+    ),
+    "vehicles/embedded/fidelity/test_fidelity.py": (
+        "test_every_figure_is_within_reach_of_the_firmware",
+        "test_each_segment_is_where_the_firmware_is",
+        "test_px4_is_no_farther_from_the_firmwares_flights_than_they_are_from_each_other",
+        "test_another_gain_is_seen",
+    ),
+    "vehicles/embedded/process/test_many_clients.py": (
+        "test_two_vehicles_at_one_port_of_a_client_are_distinguished",
+        "test_a_second_vehicle_at_a_port_to_listen_at_is_refused",
+    ),
+    "wil_campaign/foundation/processes/test_other_systems.py": (
+        "test_a_doctor_looks_at_other_systems_too",
+        "test_runs_on_other_systems_fly_in_virtual_time_alone",
+    ),
+    "wil_campaign/test_installed_plugins.py": (
+        "test_a_plugin_observes_the_runs_of_a_campaign_that_has_its_key",
+        "test_a_plugin_of_one_file_flies_in_the_gate",
+    ),
+    "wil_campaign/test_sensor_plugin.py": (),
+}
+"""Files beneath tests, and their functions that fly in turn; none: all of them."""
+
+
+def flies_in_turn(file: str, test: str) -> bool:
+    """Return whether a test flies in turn. file: beneath tests; test: `name` or `name[case]`."""
+    functions = IN_TURN.get(file)
+    return functions is not None and (not functions or test.partition("[")[0] in functions)
+
+
+def share_of_commit(folder: Path) -> int | None:
+    """Return which share flies with the commit of a checkout; None, all, where Git names none."""
+    try:
+        asked = subprocess.run(
+            ["git", "rev-parse", "--verify", "HEAD"],  # noqa: S607
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return int(asked.stdout[:8], 16) % SHARES
