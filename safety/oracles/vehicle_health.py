@@ -86,20 +86,20 @@ class VehicleFault(Oracle):
     def on_state(self, sample: StateSample) -> Flags:
         """Take a vehicle's state; each new fault is a flag."""
         was_flying, flies = self._was_flying, sample.armed and sample.landed is False
+        is_rearmed = sample.armed and not self._is_armed
         self._was_flying, self._is_armed = flies, sample.armed
         if self._end is not None and sample.landed:
             self._end.has_landed = True
+        if self._end is not None and is_rearmed and not self._end.has_landed:
+            at_s, self._end = self._end.at_s, None
+            return self._fail(_DISARMED, at_s, flag_s=sample.t_s)
         if not self.stages.open:
             return self._judge_end(sample.t_s)
         self._seen = True
-        fault = sample.fault
         if was_flying and not flies and sample.landed is not None:
-            if sample.landed or self.stages.at("land") is not None:
-                self._end = _End(sample.t_s, self._down_m, has_landed=sample.landed)
-            else:
-                fault = fault or _DISARMED
-        if fault is not None:
-            return self._fail(fault, sample.t_s, flag_s=sample.t_s)
+            self._end = _End(sample.t_s, self._down_m, has_landed=sample.landed)
+        if sample.fault is not None:
+            return self._fail(sample.fault, sample.t_s, flag_s=sample.t_s)
         return self._judge_end(sample.t_s)
 
     def on_tick(self, t_s: float) -> Flags:

@@ -89,31 +89,28 @@ def test_faults_are_flagged_once_each() -> None:
     assert (result.verdict, result.at_s, result.detail) == ("FAIL", 3.0, "low battery; EKF")
 
 
-def test_disarming_in_flight_is_a_fault_and_after_landing_is_not() -> None:
-    crashed, fine = build("vehicle_fault"), build("vehicle_fault")
-    for judge in (crashed, fine):
-        stage(judge, takeoff=1.0, at_height=1.5)
-        judge.on_state(state(2.0))
-    assert crashed.on_state(state(3.0, armed=False))
-    assert not fine.on_state(state(3.0, landed=True))
-    assert not fine.on_state(state(4.0, armed=False, landed=True))
-    assert crashed.result(5.0).detail == "disarmed in flight"
-    assert fine.result(5.0).verdict == "PASS"
-
-
-def landing(down_m: float) -> Oracle:
-    """Return the oracle of a vehicle that lands, and is so far down at 3.9 s."""
+def ending(down_m: float, **stages: float) -> Oracle:
+    """Return the oracle of a vehicle that flies, and is so far down at 3.9 s."""
     judge = build("vehicle_fault")
-    stage(judge, takeoff=1.0, at_height=2.0, land=3.0)
+    stage(judge, takeoff=1.0, at_height=2.0, **stages)
     judge.on_pose(pose(3.9, (0, 0, down_m)))
     judge.on_state(state(3.9))
     return judge
 
 
+in_its_goal_or_landing = pytest.mark.parametrize(
+    "stages", [{}, {"land": 3.0}], ids=["goal", "land"]
+)
+"""An autonomy may land and disarm the vehicle itself, and end its goal then."""
+
+
+@in_its_goal_or_landing
 @pytest.mark.parametrize("first", ["disarmed", "landed"])
-def test_a_landing_vehicle_may_report_in_any_order_that_it_disarmed_and_landed(first: str) -> None:
+def test_a_landing_vehicle_may_report_in_any_order_that_it_disarmed_and_landed(
+    first: str, stages: dict[str, float]
+) -> None:
     """HEARTBEAT and EXTENDED_SYS_STATE come in no order."""
-    judge = landing(-0.1)
+    judge = ending(-0.1, **stages)
     assert not judge.on_state(state(4.0, armed=first == "landed", landed=first == "landed"))
     assert judge.result(4.0).verdict == ("FAIL" if first == "disarmed" else "PASS")
     assert not judge.on_state(state(4.2, armed=False, landed=True))
@@ -123,10 +120,13 @@ def test_a_landing_vehicle_may_report_in_any_order_that_it_disarmed_and_landed(f
     assert judge.result(9.2).verdict == "PASS"
 
 
+@in_its_goal_or_landing
 @pytest.mark.parametrize("first", ["disarmed", "landed"])
-def test_a_vehicle_that_disarms_in_the_air_as_it_lands_does_not_pass(first: str) -> None:
+def test_a_vehicle_that_disarms_in_the_air_does_not_pass(
+    first: str, stages: dict[str, float]
+) -> None:
     """Its autopilot reports the ground of a disarmed vehicle wherever that is."""
-    judge = landing(-1.2)
+    judge = ending(-1.2, **stages)
     assert not judge.on_state(state(4.0, armed=first == "landed", landed=first == "landed"))
     flags = [
         *judge.on_pose(pose(4.25, (0, 0, -0.9))),
@@ -137,11 +137,25 @@ def test_a_vehicle_that_disarms_in_the_air_as_it_lands_does_not_pass(first: str)
     assert (result.verdict, result.at_s, result.detail) == ("FAIL", 4.0, "disarmed in flight")
 
 
-def test_a_landing_vehicle_that_disarms_and_never_reports_the_ground_fails() -> None:
-    judge = landing(-1.2)
+@in_its_goal_or_landing
+def test_a_vehicle_that_disarms_and_never_reports_the_ground_fails(
+    stages: dict[str, float],
+) -> None:
+    judge = ending(-1.2, **stages)
     assert not judge.on_state(state(4.0, armed=False))
     assert not judge.on_tick(5.1)
     assert [flag.text for flag in judge.on_tick(5.3)] == ["real: disarmed in flight"]
+
+
+@in_its_goal_or_landing
+def test_a_vehicle_that_is_armed_again_before_it_falls_was_disarmed_in_flight(
+    stages: dict[str, float],
+) -> None:
+    judge = ending(-1.2, **stages)
+    assert not judge.on_state(state(4.0, armed=False))
+    assert [flag.text for flag in judge.on_state(state(4.1))] == ["real: disarmed in flight"]
+    assert not judge.on_pose(pose(4.4, (0, 0, -1.1)))
+    assert judge.result(9.0).at_s == 4.0
 
 
 def test_a_link_gap_is_flagged_when_it_is_over() -> None:
