@@ -90,17 +90,18 @@ class VehicleFault(Oracle):
         self._was_flying, self._is_armed = flies, sample.armed
         if self._end is not None and sample.landed:
             self._end.has_landed = True
+        flags = NO_FLAGS
         if self._end is not None and is_rearmed and not self._end.has_landed:
-            at_s, self._end = self._end.at_s, None
-            return self._fail(_DISARMED, at_s, flag_s=sample.t_s)
+            flags = self._fail(_DISARMED, self._end.at_s, flag_s=sample.t_s)
+            self._end = None
         if not self.stages.open:
             return self._judge_end(sample.t_s)
         self._seen = True
         if was_flying and not flies and sample.landed is not None:
             self._end = _End(sample.t_s, self._down_m, has_landed=sample.landed)
         if sample.fault is not None:
-            return self._fail(sample.fault, sample.t_s, flag_s=sample.t_s)
-        return self._judge_end(sample.t_s)
+            return (*flags, *self._fail(sample.fault, sample.t_s, flag_s=sample.t_s))
+        return (*flags, *self._judge_end(sample.t_s))
 
     def on_tick(self, t_s: float) -> Flags:
         """Fail a vehicle that has disarmed in its landing and did not report the ground in time."""
