@@ -28,7 +28,7 @@ from wil_campaign.vehicles.readings.messages import (
     text_of,
 )
 from wil_campaign.vehicles.readings.traits import Encoded, Parts, ReadingTraits
-from wil_campaign.vehicles.sensors.beams import RayCaster
+from wil_campaign.vehicles.sensors.beams import BeamFan, RayCaster
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
 from wil_campaign.vehicles.sensors.sensor_spec import SensorSite, SensorSpec, TruthRate
 from wil_campaign.vehicles.sensors.timing import Timing
@@ -116,6 +116,13 @@ class LidarOptions(RangingOptions):
         if self.beams == 1:
             return ScanPattern(1, 0.0, fov_rad)
         return ScanPattern(self.beams, -fov_rad / 2.0, fov_rad / max(1, gaps))
+
+    @property
+    def fan(self) -> BeamFan:
+        """Return the beams, each a column of its own."""
+        p = self.pattern
+        directions = plane_directions(p.start_angle_rad, p.step_rad, p.beams)
+        return BeamFan(directions, np.arange(p.beams), p.beams)
 
 
 def _model(options: LidarOptions, site: SensorSite) -> LidarScanSensor:

@@ -29,7 +29,7 @@ from wil_campaign.vehicles.readings.messages import (
     stamped,
 )
 from wil_campaign.vehicles.readings.traits import Encoded, Parts, ReadingTraits
-from wil_campaign.vehicles.sensors.beams import RayCaster
+from wil_campaign.vehicles.sensors.beams import BeamFan, RayCaster
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSets
 from wil_campaign.vehicles.sensors.sensor_spec import SensorSite, SensorSpec, TruthRate
 from wil_campaign.vehicles.sensors.timing import Timing
@@ -127,6 +127,15 @@ class LidarPointsOptions(RangingOptions):
         """Return the beams of the 3-D lidar sensor."""
         low_rad, high_rad = math.radians(self.lowest_deg), math.radians(self.highest_deg)
         return GridPattern(self.columns, self.rings, low_rad, high_rad)
+
+    @property
+    def fan(self) -> BeamFan:
+        """Return the beams of a turn that begins astern."""
+        p = self.pattern
+        turn_rad = 2.0 * math.pi * np.arange(p.columns) / p.columns - math.pi
+        rings_rad = np.linspace(p.lowest_rad, p.highest_rad, p.rings)
+        columns = np.repeat(np.arange(p.columns), p.rings)
+        return BeamFan(grid_directions(turn_rad, rings_rad), columns, p.columns)
 
 
 def _model(options: LidarPointsOptions, site: SensorSite) -> LidarPointsSensor:

@@ -22,9 +22,6 @@ from wil_campaign.campaigns.values.sensor_setups import (
 )
 from wil_campaign.orchestrator.recording.judge_log_file import FILE_NAME
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
-from wil_campaign.plugins.lidar.beams import grid_directions, plane_directions
-from wil_campaign.plugins.lidar.lidar import LidarOptions
-from wil_campaign.plugins.lidar.lidar_points import LidarPointsOptions
 from wil_campaign.plugins.search.exploration.sensed import SECTORS, Cell, SensedView, level_of
 from wil_campaign.safety.evaluation.judge_log import (
     ActorPose,
@@ -33,10 +30,8 @@ from wil_campaign.safety.evaluation.judge_log import (
     read_judge_log,
 )
 from wil_campaign.safety.model.samples import PoseSample, StageSample
-from wil_campaign.vehicles.sensors.beams import (
-    Directions,
-    RayHits,
-)
+from wil_campaign.vehicles.sensors.beams import BeamFan, Directions, RayHits
+from wil_campaign.vehicles.sensors.sensor_spec import SensorOptions
 from wil_campaign.vehicles.sensors.world_views import WorldRays
 from wil_campaign.worlds.camera import Intrinsics
 from wil_campaign.worlds.frames import Pose, matrix_from_quat
@@ -204,16 +199,11 @@ def _rays_of(sensor: SensorSetup) -> _SensorRays | None:
         case DepthSetup():
             directions, columns = _image_rays(sensor.intrinsics)
             return _ranging_rays(sensor.name, directions, columns, sensor.mount.camera_pose)
-        case OtherSetup(options=LidarOptions(pattern=pattern), mount=mount):
-            directions = plane_directions(pattern.start_angle_rad, pattern.step_rad, pattern.beams)
-            beams = np.arange(pattern.beams) * SECTORS // pattern.beams
-            return _ranging_rays(sensor.name, directions, beams, lambda body: body.compose(mount))
-        case OtherSetup(options=LidarPointsOptions(pattern=grid), mount=mount):
-            turn = 2.0 * math.pi * np.arange(grid.columns) / grid.columns - math.pi
-            rings = np.linspace(grid.lowest_rad, grid.highest_rad, grid.rings)
-            directions = grid_directions(turn, rings)
-            turned = np.repeat(np.arange(grid.columns) * SECTORS // grid.columns, grid.rings)
-            return _ranging_rays(sensor.name, directions, turned, lambda body: body.compose(mount))
+        case OtherSetup(options=SensorOptions(fan=BeamFan() as fan), mount=mount):
+            sectors = fan.columns * SECTORS // fan.count
+            return _ranging_rays(
+                sensor.name, fan.directions, sectors, lambda body: body.compose(mount)
+            )
     return None
 
 

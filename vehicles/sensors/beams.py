@@ -20,6 +20,19 @@ class RayHits:
     object_ids: ObjectIds
 
 
+@dataclass(frozen=True, slots=True)
+class BeamFan:
+    """The beams of a sensor that looks around, in columns from its left to its right.
+
+    directions: (beams, 3) unit vectors in the sensor's FRD frame; columns: (beams,) the number of
+    the column of each, below `count`.
+    """
+
+    directions: Directions
+    columns: NDArray[np.int64]
+    count: int
+
+
 class RayCaster(Protocol):
     """Casts a sensor's beams into a scene with its events (protocol)."""
 

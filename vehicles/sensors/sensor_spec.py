@@ -14,7 +14,7 @@ from pydantic import Field
 from wil_campaign.foundation.files.documents import Part
 from wil_campaign.vehicles.readings import Reading, Source
 from wil_campaign.vehicles.readings.traits import NUMBERS, ReadingTraits
-from wil_campaign.vehicles.sensors.beams import RayCaster
+from wil_campaign.vehicles.sensors.beams import BeamFan, RayCaster
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
 from wil_campaign.vehicles.sensors.timing import Timing
 from wil_campaign.vehicles.sensors.truth import Truth
@@ -66,6 +66,11 @@ class SensorOptions(Part):
     def mounted(self) -> Pose:
         """Return the sensor's pose in the body's FRD frame."""
         return AT_ORIGIN
+
+    @property
+    def fan(self) -> BeamFan | None:
+        """Return the beams of a sensor that looks around; None for others."""
+        return None
 
 
 class MountedOptions(SensorOptions):
