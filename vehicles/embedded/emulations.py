@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping
 from functools import cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from wil_campaign.hooks import autopilots
 from wil_campaign.installed_plugins import loaded
-from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft, EmulatedAutopilot
+from wil_campaign.vehicles.embedded.autopilot.aircraft import Aircraft
+from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import EmulatedAutopilot
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import FlightStyle
 from wil_campaign.vehicles.embedded.control.kernels import LAW_NUMBERS
 from wil_campaign.vehicles.embedded.physics.motion_kernel import (
@@ -24,7 +25,7 @@ class Emulation(Protocol):
 
     style: FlightStyle
 
-    def __call__(self, aircraft: Aircraft) -> EmulatedAutopilot:
+    def __call__(self, aircraft: Aircraft) -> EmulatedAutopilot[Any]:
         """Return the autopilot, which flies an aircraft."""
 
 

@@ -8,12 +8,10 @@ from typing import Any, Protocol, Self
 import numpy as np
 
 from wil_campaign.foundation.tasks import Contained
-from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import (
-    COMPONENT,
-    Aircraft,
-    EmulatedAutopilot,
-)
+from wil_campaign.vehicles.embedded.autopilot.aircraft import Aircraft
+from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import EmulatedAutopilot
 from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity
+from wil_campaign.vehicles.embedded.autopilot.services.message_hub import COMPONENT
 from wil_campaign.vehicles.embedded.emulations import emulations
 from wil_campaign.vehicles.embedded.physics.body import PHYSICS_HZ, Body
 from wil_campaign.vehicles.embedded.physics.config import (
@@ -102,7 +100,7 @@ class EmbeddedVehicle:
         link.receive(self._on_bytes)
 
     @property
-    def autopilot(self) -> EmulatedAutopilot:
+    def autopilot(self) -> EmulatedAutopilot[Any]:
         """Return the embedded vehicle's autopilot, for tests."""
         return self._autopilot
 
@@ -294,7 +292,7 @@ class EmbeddedVehicle:
             self._link.write(b"".join([codec.pack(message) for message in messages]))
 
 
-def build_autopilot(config: EmbeddedConfig, body: Body) -> EmulatedAutopilot:
+def build_autopilot(config: EmbeddedConfig, body: Body) -> EmulatedAutopilot[Any]:
     """Return the embedded vehicle's autopilot for a config."""
     world = LocalFrame(config.latitude_deg, config.longitude_deg, config.altitude_m)
     start = world.to_geodetic(config.start.position_ned_m)

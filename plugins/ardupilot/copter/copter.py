@@ -7,16 +7,17 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.plugins.ardupilot.copter import copter_boot as boot
 from wil_campaign.plugins.ardupilot.copter import copter_telemetry
+from wil_campaign.plugins.ardupilot.copter.copter_core import CopterCore
 from wil_campaign.plugins.ardupilot.copter.copter_failsafes import Failsafes, View
-from wil_campaign.plugins.ardupilot.copter.copter_guided import CopterGuided
+from wil_campaign.plugins.ardupilot.copter.copter_guided import Guided
 from wil_campaign.plugins.ardupilot.copter.copter_modes import CopterMode
 from wil_campaign.plugins.ardupilot.copter.simulated_wind import simulated_wind
-from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft
+from wil_campaign.vehicles.embedded.autopilot.aircraft import Aircraft
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import TiltWatch
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, ReturnHome
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_flight import starts_with_takeoff
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import Item
 from wil_campaign.vehicles.embedded.autopilot.flight.sticks import sticks_of_pulses
-from wil_campaign.vehicles.embedded.autopilot.services import mission_service
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
@@ -36,11 +37,13 @@ _CRASH_TILT_RAD, _CRASH_AFTER_S = math.radians(60.0), 2.0
 _AFTER_LANDING_S = 0.4
 
 
-class ArduCopter(CopterGuided):
-    """The emulated ArduCopter over MAVLink: setpoints, commands, missions, failsafes."""
+class ArduCopter(CopterCore):
+    """The emulated ArduCopter over MAVLink: commands, missions, failsafes; its part is GUIDED."""
 
     def __init__(self, aircraft: Aircraft) -> None:
         super().__init__(aircraft)
+        self.guided = Guided(self)
+        self.hub.serve(self.guided)
         self._failsafes = Failsafes(self.parameters)
         self._tilt = TiltWatch(limit_rad=_CRASH_TILT_RAD, for_s=_CRASH_AFTER_S)
         self._texts_sent = 0
@@ -115,14 +118,27 @@ class ArduCopter(CopterGuided):
 
     def _can_begin_mission(self) -> bool:
         """Return whether ArduCopter has a mission, with a takeoff on the ground."""
-        items = self.missions.items(mission_service.MISSION)[1:]
+        items = self.missions.items[1:]
         if self.flight.armed and self.flight.landed and not starts_with_takeoff(items):
             self.outbox.send_text(CRITICAL, "Auto: Missing Takeoff Cmd")
             return False
         return bool(items)
 
-    def _lift(self, down_m: float) -> Behaviour | None:  # noqa: ARG002 - PX4 climbs to it
+    def enter(self, mode: CopterMode) -> None:
+        """Enter an ArduCopter mode; a pause and a region of interest end."""
+        self.guided.end()
+        super().enter(mode)
+
+    def lift(self, down_m: float) -> Behaviour | None:  # noqa: ARG002 - PX4 climbs to it
+        """Return None: ArduCopter flies to a waypoint from the ground as it is."""
         return None
+
+    def look_at(self, latitude_deg: float, longitude_deg: float) -> None:
+        """Point ArduCopter's nose at a place; at 0, 0 no longer."""
+        self.guided.look_at(latitude_deg, longitude_deg)
+
+    def _go_to_item(self, item: Item) -> int:
+        return self.guided.go_to_item(item)
 
     @on_command(mavlink.MAV_CMD_MISSION_START)
     def _start_mission(self, command: Command) -> int:
@@ -133,7 +149,7 @@ class ArduCopter(CopterGuided):
 
     def _behaviour(self, mode: CopterMode) -> Behaviour:
         if mode is CopterMode.AUTO:
-            return self._mission()
+            return self.missions.begin()
         return super()._behaviour(mode)
 
     # Supervision.
@@ -151,8 +167,8 @@ class ArduCopter(CopterGuided):
         if self.velocity_at_s is not None and t_s - self.velocity_at_s > timeout_s:
             self.velocity_at_s = None
             self.follow.stand(self.state.now)
-        self._watch_mission()
-        self._look_at_roi()
+        self.missions.watch()
+        self.guided.face_roi()
         self._check_failsafes()
         if self._tilt.tumbling(self.state.now, t_s):
             self.strike("tumbling")

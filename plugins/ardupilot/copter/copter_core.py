@@ -19,7 +19,11 @@ from wil_campaign.plugins.ardupilot.copter.data_flash import DataFlash
 from wil_campaign.plugins.ardupilot.copter.parameter_file import PATH as PARAMETER_FILE
 from wil_campaign.plugins.ardupilot.copter.parameter_file import parameter_file
 from wil_campaign.plugins.ardupilot.strategy import ArduCopter as Strategy
-from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft, Firmware
+from wil_campaign.vehicles.embedded.autopilot.aircraft import Aircraft, Firmware
+from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import (
+    EmulatedAutopilot,
+    StandardModes,
+)
 from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import FlightStyle
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
@@ -29,8 +33,6 @@ from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
     speed_limits,
 )
 from wil_campaign.vehicles.embedded.autopilot.flight.sticks import StickLimits
-from wil_campaign.vehicles.embedded.autopilot.flying_autopilot import StandardModes
-from wil_campaign.vehicles.embedded.autopilot.mission_autopilot import MissionAutopilot
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     FAILED,
@@ -55,8 +57,8 @@ LAW = LawKind(
 )
 
 
-class CopterCore(MissionAutopilot[CopterMode]):
-    """ArduCopter's modes and arming; subclasses handle setpoints, missions and failsafes."""
+class CopterCore(EmulatedAutopilot[CopterMode]):
+    """ArduCopter's modes and arming; the subclass handles commands, missions and failsafes."""
 
     name: ClassVar[str] = Strategy.name
     firmware: ClassVar[Firmware] = Firmware(

@@ -1,110 +1,88 @@
-"""The base of both emulated autopilots: MAVLink in and out, common commands and services."""
+"""The base of both emulated autopilots: its parts, its loop, modes, arming and sticks.
+
+What handles messages is a part of its own: parameters, files, logs, missions, streams.
+"""
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from functools import partial
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from wil_campaign.vehicles.embedded.autopilot.aircraft import Aircraft, Firmware
 from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
-from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import Identity, State
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import State
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import Flight, FlightStyle
-from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import Item, ItemRules
-from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow
+from wil_campaign.vehicles.embedded.autopilot.flight.manoeuvres import Manoeuvres
+from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import Item
+from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import load_parameters
+from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import (
+    RELATIVE_ALTITUDE_FRAMES,
+)
+from wil_campaign.vehicles.embedded.autopilot.flight.sticks import (
+    FlyBySticks,
+    StickLimits,
+    Sticks,
+    sticks_of_manual,
+)
+from wil_campaign.vehicles.embedded.autopilot.missions import Missions
 from wil_campaign.vehicles.embedded.autopilot.services import discovery, mission_service
 from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
     ACCEPTED,
     DENIED,
-    FAILED,
     TEMPORARILY_REJECTED,
     UNSUPPORTED,
     Command,
-    from_int,
-    from_long,
-    marked,
     on_command,
     on_message,
+    on_request,
 )
 from wil_campaign.vehicles.embedded.autopilot.services.fence_items import (
     EmulatedFence,
     emulated_fence,
 )
 from wil_campaign.vehicles.embedded.autopilot.services.file_service import FileService
-from wil_campaign.vehicles.embedded.autopilot.services.log_formats import LogWriter
 from wil_campaign.vehicles.embedded.autopilot.services.log_service import FlightLogs
-from wil_campaign.vehicles.embedded.autopilot.services.outbox import INFO, Outbox
+from wil_campaign.vehicles.embedded.autopilot.services.message_hub import MessageHub
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import CRITICAL, Outbox
 from wil_campaign.vehicles.embedded.autopilot.services.parameter_service import ParameterService
 from wil_campaign.vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
-from wil_campaign.vehicles.embedded.physics.airframe import Airframe
-from wil_campaign.vehicles.embedded.physics.body import Body
 from wil_campaign.vehicles.mavlink.fence_areas import FenceItemError
 from wil_campaign.vehicles.poses.truth import Thrusts
+from wil_campaign.worlds.frames import Vec3
 
-COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
 _EARLIEST_UNIX_US, _LATEST_UNIX_US = 1_230_768_000_000_000, 1 << 62
 """From 2009 on: an earlier time means a clock that was never set."""
-_HIGHEST_INTERVAL_ID = 65535
-"""Message ids in MESSAGE_INTERVAL have 16 bits."""
-_LONGEST_INTERVAL_US = 2**31 - 1
-"""Intervals in MESSAGE_INTERVAL are signed 32-bit integers."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Aircraft:
-    """What an emulated autopilot flies. overrides: of its parameters. dt_s: of a physics step.
+class FlownMode(Protocol):
+    """A firmware's flight mode (protocol)."""
 
-    full_streams: whether it sends all streams of the firmware, not only those that a run needs.
-    body: its simulator's ground truth is the autopilot's, and its step runs the law.
-    """
-
-    identity: Identity
-    airframe: Airframe
-    dt_s: float
-    body: Body
-    overrides: Mapping[str, float]
-    full_streams: bool = False
+    @property
+    def is_manual(self) -> bool:
+        """Return whether a pilot's sticks fly the mode."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Firmware:
-    """What a firmware has, and how it differs in services that both have.
-
-    mode_entries: in AVAILABLE_MODES. other_mode: MISSION_CURRENT.mission_mode outside of missions.
-    first_mission_item: 1 where item 0 is home. refused: MAV_RESULT of an arm or disarm command that
-    the checks refuse. set_mode_ack: what acknowledges SET_MODE. gps_time_s: when the GPS receiver
-    has the time of day, s since boot. numbers_texts: gives each STATUSTEXT an id. bytewise: an
-    integer parameter's bits travel in the float field. strict_parameters: see
-    `ParameterService`. files: served over MAVLink, by path. heights_relative: reads the
-    height of a command by its frame, not always as above mean sea level.
-    """
-
-    mav_autopilot: int
-    parameter_file: Path
-    bytewise: bool
-    strict_parameters: bool
-    files: Mapping[str, Callable[[Parameters], bytes]]
-    item_rules: ItemRules
-    first_mission_item: int
-    mode_entries: tuple[discovery.ModeEntry, ...]
-    other_mode: int
-    refused: int
-    set_mode_ack: int
-    heights_relative: bool
-    numbers_texts: bool
-    log_format: Callable[[int, Parameters], LogWriter]
-    first_log: int
-    gps_time_s: float
+Mode = TypeVar("Mode", bound=FlownMode)
 
 
-class EmulatedAutopilot(ABC):
-    """An emulated autopilot between MAVLink messages and motor thrusts.
+class StandardModes(NamedTuple, Generic[Mode]):
+    """A firmware's modes for common commands: mission, return, land."""
+
+    mission: Mode
+    return_home: Mode
+    land: Mode
+
+
+class EmulatedAutopilot(ABC, Generic[Mode]):
+    """An emulated autopilot between MAVLink messages and motor thrusts, with modes of one kind.
 
     Pure: `handle` takes messages, `step` takes the estimate and returns thrusts; messages to send
-    are in `outbox`. Times are the vehicle's own clock, s since start.
+    are in `outbox`. Times are the vehicle's own clock, s since start. A firmware's class has its
+    modes and failsafes; its further parts serve messages by `hub`.
     """
 
     name: ClassVar[str]
@@ -112,14 +90,19 @@ class EmulatedAutopilot(ABC):
     builders: ClassVar[dict[int, telemetry.Builder]]
     style: ClassVar[FlightStyle]
     firmware: ClassVar[Firmware]
+    standard: StandardModes[Mode]
+    no_mission_items: ClassVar[int] = 0
+    """MISSION_CURRENT.total without a mission."""
+    manoeuvres: Manoeuvres
+    follow: Follow
 
-    def __init__(
-        self, aircraft: Aircraft, *, parameters: Parameters, rates_hz: Mapping[int, float]
-    ) -> None:
+    def __init__(self, aircraft: Aircraft, *, rates_hz: Mapping[int, float], mode: Mode) -> None:
         self.identity = identity = aircraft.identity
         firmware = self.firmware
         airframe, dt_s = aircraft.airframe, aircraft.dt_s
-        self.parameters = parameters
+        self.parameters = parameters = load_parameters(
+            firmware.parameter_file, bytewise=firmware.bytewise, overrides=aircraft.overrides
+        )
         self._body = body = aircraft.body
         self.state = State(
             frame=identity.origin,
@@ -136,39 +119,56 @@ class EmulatedAutopilot(ABC):
             law_array=body.law_array,
         )
         body.flown_by(self.style.law.advance)
+        self.outbox = outbox = Outbox(count_all=firmware.numbers_texts)
         self.streams = StreamIntervals(rates_hz, shortest_s=dt_s)
-        self.outbox = Outbox(count_all=firmware.numbers_texts)
         self.fence = EmulatedFence()
-        self.missions = mission_service.MissionService(
-            send=self.outbox.send,
+        self._item_lists = mission_service.MissionService(
+            send=outbox.send,
+            clock=lambda: self.t_s,
             accept=self._accept_items,
             home=self._home_item if firmware.first_mission_item else None,
             rules=firmware.item_rules,
             go_to=self._go_to_item,
         )
-        self.files = FileService(
-            {path: partial(content, parameters) for path, content in firmware.files.items()}
-        )
+        self.missions = Missions(self, self._item_lists, no_items=self.no_mission_items)
         self.logs = FlightLogs(
-            send=self.outbox.send,
+            send=outbox.send,
             begin=lambda t_us: firmware.log_format(t_us, parameters),
             first=firmware.first_log,
         )
+        self._parameter_server = ParameterService(
+            parameters, outbox, strict=firmware.strict_parameters
+        )
+        files = {path: partial(content, parameters) for path, content in firmware.files.items()}
+        self.hub = MessageHub(
+            system_id=identity.system_id,
+            state=self.state,
+            streams=self.streams,
+            outbox=outbox,
+            builders=self.builders,
+            modes=firmware.mode_entries,
+        )
+        self.hub.serve(
+            self.hub,
+            self._parameter_server,
+            FileService(files, outbox.send),
+            self.logs,
+            self._item_lists,
+            self.missions,
+            self,
+        )
+        self.mode = mode
+        self.failsafe = False
+        self.sticks: Sticks | None = None
         self.never_ready = False
         self.refusal: str | None = None
         """Injected faults: it never becomes ready; it refuses to arm for this reason."""
         self.reboot_requested = False
         self._configured = parameters.changes
-        self._arrived_s = 0.0
-        self._announced_unused: set[str] = set()
-        self._parameter_server = ParameterService(parameters, strict=firmware.strict_parameters)
-        self._commands = marked(type(self), "mav_commands")
-        self._messages = marked(type(self), "mav_messages")
-        self._requests = marked(type(self), "mav_requests")
         self.gcs_last_received_s = -math.inf
         """When a ground station's heartbeat was last received."""
 
-    # What differs between the autopilots.
+    # What differs between the firmwares.
 
     @abstractmethod
     def supervise(self) -> None:
@@ -179,20 +179,72 @@ class EmulatedAutopilot(ABC):
         """Execute MAV_CMD_DO_SET_MODE; return a MAV_RESULT."""
 
     @abstractmethod
-    def arm(self, *, force: bool) -> int:
-        """Arm the emulated autopilot; return a MAV_RESULT."""
+    def choose(self, mode: Mode) -> int:
+        """Switch the autopilot to the user's mode if it can run; return a MAV_RESULT."""
 
     @abstractmethod
-    def disarm(self, *, force: bool) -> int:
-        """Disarm the emulated autopilot; return a MAV_RESULT."""
+    def stop_motors(self, by: str) -> None:
+        """Disarm the autopilot now, and report why."""
 
     @abstractmethod
     def strike(self, thing: str) -> None:
         """Handle a collision of the airframe with an object: the motors stop."""
 
     @abstractmethod
+    def lift(self, down_m: float) -> Behaviour | None:
+        """Return the behaviour before a mission's waypoint from the ground; or None."""
+
+    @abstractmethod
+    def _behaviour(self, mode: Mode) -> Behaviour:
+        """Return the behaviour that a mode flies from here."""
+
+    @abstractmethod
     def _is_forced(self, command: Command) -> bool:
         """Return whether an arm or disarm command skips the checks."""
+
+    @abstractmethod
+    def _arming_fault(self, *, force: bool) -> str | None:
+        """Return the autopilot's STATUSTEXT for why it does not arm; None when it does."""
+
+    @abstractmethod
+    def _begin_flight(self) -> None:
+        """Set home, send texts and reset failsafes after arming, before the mode is flown."""
+
+    @abstractmethod
+    def _custom_mode(self) -> int:
+        """Return the mode's number in the HEARTBEAT."""
+
+    @abstractmethod
+    def _base_mode(self) -> int:
+        """Return the flags of the HEARTBEAT, without the armed one."""
+
+    @abstractmethod
+    def _system_status(self) -> int:
+        """Return the MAV_STATE of the HEARTBEAT."""
+
+    @abstractmethod
+    def _disarm_delay_s(self, *, after_flight: bool) -> float:
+        """Return how long it stays armed on the ground; 0 means forever."""
+
+    @abstractmethod
+    def _stick_limits(self) -> StickLimits:
+        """Return the demand of fully deflected sticks."""
+
+    @abstractmethod
+    def _sticks_last_s(self) -> float:
+        """Return how long received sticks are valid."""
+
+    @property
+    def flies_by_speeds(self) -> bool:
+        """Return whether a changed speed holds for what is flown now."""
+        return True
+
+    def return_home(self) -> Behaviour:
+        """Return the behaviour that flies home."""
+        return self.manoeuvres.go_home()
+
+    def look_at(self, latitude_deg: float, longitude_deg: float) -> None:
+        """Look at a region of interest: without a gimbal only ArduCopter's heading follows it."""
 
     def _is_own_gcs(self, heartbeat: Any) -> bool:
         """Return whether a HEARTBEAT is of a ground station whose silence is a failsafe."""
@@ -213,6 +265,13 @@ class EmulatedAutopilot(ABC):
         """Fly to a MISSION_ITEM at once ("guided" item); return a MAV_MISSION_RESULT."""
         return int(mavlink.MAV_MISSION_ERROR)
 
+    def _report_not_landed(self) -> None:
+        """Send a text that it is not disarmed in flight; ArduCopter sends none."""
+
+    def _stays_armed(self) -> bool:
+        """Return whether the vehicle is about to leave the ground."""
+        return self.flight.takeoff_detected
+
     # The loop.
 
     def handle(self, message: Any, arrived_s: float) -> None:
@@ -220,15 +279,7 @@ class EmulatedAutopilot(ABC):
 
         arrived_s: its time of arrival, after the last step and before the next.
         """
-        system = getattr(message, "target_system", 0)
-        component = getattr(message, "target_component", 0)
-        if system not in {0, self.identity.system_id} or component not in {0, COMPONENT}:
-            return
-        name = self._messages.get(message.get_type())
-        if name is not None:
-            self._arrived_s = arrived_s
-            getattr(self, name)(message)
-            self.outbox.release()
+        self.hub.handle(message, arrived_s)
 
     def step(self, clock_s: float, *, turn: bool) -> Thrusts:
         """Return the thrusts after a step of the body; `turn` marks every 20 ms."""
@@ -243,16 +294,13 @@ class EmulatedAutopilot(ABC):
                 self.flight.law.configure(self.parameters)
             self.supervise()
             self._take_gps_time()
-            self.missions.turn(clock_s)
+            self._item_lists.turn(clock_s)
             self.logs.turn(clock_s, armed=self.flight.armed, now=state.now)
-            for message in self._parameter_server.due():
-                self.outbox.send(message)
+            self._parameter_server.turn()
             self.outbox.turn(send_texts=self._sends_texts())
         thrusts = state.thrusts = self.flight.step(state, flown=body.flown)
         state.target = self.flight.target
-        if clock_s >= self.streams.next_due_s:
-            for message_id in self.streams.due(clock_s):
-                self._send_id(message_id)
+        self.hub.send_due()
         return thrusts
 
     @property
@@ -260,39 +308,10 @@ class EmulatedAutopilot(ABC):
         """Return the emulated autopilot's clock."""
         return self.state.clock_s
 
-    def _send_id(self, message_id: int) -> bool:
-        """Queue a message by id; False when the autopilot has none, or not yet."""
-        builder, name = self.builders.get(message_id), self._requests.get(message_id)
-        if builder is not None:
-            message = builder(self.state)
-        else:
-            message = getattr(self, name)() if name is not None else None
-        self.outbox.send(message)
-        return message is not None
-
     def _take_gps_time(self) -> None:
         state = self.state
         if state.gps_unix_offset_us is not None and state.clock_s >= self.firmware.gps_time_s:
             state.unix_offset_us = state.gps_unix_offset_us
-
-    # Messages that both handle alike.
-
-    @on_message("HEARTBEAT")
-    def _on_heartbeat(self, message: Any) -> None:
-        if self._is_own_gcs(message):
-            self.gcs_last_received_s = self.t_s
-
-    @on_message("TIMESYNC")
-    def _on_timesync(self, message: Any) -> None:
-        if message.tc1 == 0:
-            now_ns = self.state.stamp_us(self._arrived_s) * 1000
-            self.outbox.send(mavlink.MAVLink_timesync_message(now_ns, message.ts1))
-
-    @on_message("PING")
-    def _on_ping(self, message: Any) -> None:
-        if message.target_system == 0:
-            peer = (message.get_srcSystem(), message.get_srcComponent())
-            self.outbox.send(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *peer))
 
     @on_message("SYSTEM_TIME")
     def _on_system_time(self, message: Any) -> None:
@@ -300,129 +319,74 @@ class EmulatedAutopilot(ABC):
         if _EARLIEST_UNIX_US < message.time_unix_usec < _LATEST_UNIX_US:
             self.state.unix_offset_us = message.time_unix_usec - self.state.boot_us
 
-    @on_message("FILE_TRANSFER_PROTOCOL")
-    def _on_file_transfer(self, message: Any) -> None:
-        for answer in self.files.answers(message):
-            self.outbox.send(answer)
+    @on_message("HEARTBEAT")
+    def _on_heartbeat(self, message: Any) -> None:
+        if self._is_own_gcs(message):
+            self.gcs_last_received_s = self.t_s
 
-    @on_message("LOG_REQUEST_LIST", "LOG_REQUEST_DATA", "LOG_REQUEST_END", "LOG_ERASE")
-    def _on_logs(self, message: Any) -> None:
-        self.logs.handle(message)
+    @on_request(mavlink.MAVLINK_MSG_ID_HEARTBEAT)
+    def _heartbeat(self) -> Any:
+        armed = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if self.flight.armed else 0
+        return mavlink.MAVLink_heartbeat_message(
+            mavlink.MAV_TYPE_QUADROTOR,
+            self.firmware.mav_autopilot,
+            self._base_mode() | armed,
+            self._custom_mode(),
+            self._system_status(),
+            3,
+        )
 
-    @on_message("PARAM_REQUEST_LIST")
-    def _on_parameter_list(self, _: Any) -> None:
-        self._parameter_server.request_list()
+    @on_command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN)
+    def _reboot(self, command: Command) -> int:
+        if self.flight.armed:
+            return TEMPORARILY_REJECTED
+        if command.params[0] != 1.0:
+            return UNSUPPORTED
+        self.reboot_requested = True
+        return ACCEPTED
 
-    @on_message("PARAM_REQUEST_READ")
-    def _on_parameter_read(self, message: Any) -> None:
-        for answer in self._parameter_server.read(message):
-            self.outbox.send(answer)
+    # Modes.
 
-    @on_message("PARAM_SET")
-    def _on_parameter_set(self, message: Any) -> None:
-        for answer in self._parameter_server.write(message):
-            self.outbox.send(answer)
-        name = message.param_id
-        if name in self.parameters and self.parameters.is_in_vain(name):
-            self._announce_unused(name)
+    @property
+    def flies_missions(self) -> bool:
+        """Return whether the mode is that of missions."""
+        return self.mode == self.standard.mission
 
-    def _announce_unused(self, name: str) -> None:
-        """Send a STATUSTEXT, once, that nothing acts on a parameter."""
-        if name not in self._announced_unused:
-            self._announced_unused.add(name)
-            self.outbox.send_text(INFO, f"{name} has no effect in this emulation")
+    def enter(self, mode: Mode) -> None:
+        """Enter a mode and fly it."""
+        if mode != self.mode:
+            self.manoeuvres.forget_speeds()
+        self.mode = mode
+        if self.flight.armed:
+            self.flight.fly(self._behaviour(mode))
 
-    @on_message(
-        "MISSION_COUNT",
-        "MISSION_ITEM_INT",
-        "MISSION_ITEM",
-        "MISSION_REQUEST_LIST",
-        "MISSION_REQUEST_INT",
-        "MISSION_REQUEST",
-        "MISSION_CLEAR_ALL",
-    )
-    def _on_mission(self, message: Any) -> None:
-        self.missions.handle(message, self.t_s)
-
-    @on_message("COMMAND_LONG")
-    def _on_command_long(self, message: Any) -> None:
-        self._do(from_long(message))
-
-    @on_message("COMMAND_INT")
-    def _on_command_int(self, message: Any) -> None:
-        self._do(from_int(message))
+    @on_request(discovery.CURRENT_MODE)
+    def _current_mode(self) -> Any:
+        return discovery.current_mode(self.firmware.mode_entries, self._custom_mode())
 
     @on_message("SET_MODE")
     def _on_set_mode(self, message: Any) -> None:
         """Handle SET_MODE, which old ground stations send."""
         custom = message.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         result = self.set_mode(*self._split_mode(message.custom_mode)) if custom else DENIED
-        self.outbox.send(
-            mavlink.MAVLink_command_ack_message(
-                self.firmware.set_mode_ack,
-                result,
-                0,
-                0,
-                message.get_srcSystem(),
-                message.get_srcComponent(),
-            )
-        )
-
-    def _do(self, command: Command) -> None:
-        name = self._commands.get(command.number)
-        result = getattr(self, name)(command) if name is not None else UNSUPPORTED
-        self.outbox.send(
-            mavlink.MAVLink_command_ack_message(
-                command.number, result, 0, 0, command.from_system, command.from_component
-            )
-        )
-
-    # Commands that both handle alike.
-
-    @on_command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)
-    def _set_interval(self, command: Command) -> int:
-        number, interval_us = command.whole(0), command.params[1]
-        if number not in mavlink.mavlink_map or math.isnan(interval_us):
-            return DENIED
-        if interval_us == 0.0:
-            self.streams.reset_rate(number, now_s=self.t_s)
-        else:
-            rate_hz = 1e6 / interval_us if interval_us > 0.0 else 0.0
-            self.streams.set_rate(number, rate_hz, now_s=self.t_s)
-        return ACCEPTED
-
-    @on_command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL)
-    def _get_interval(self, command: Command) -> int:
-        message_id = command.whole(0)
-        if not 0 <= message_id <= _HIGHEST_INTERVAL_ID:
-            return DENIED
-        interval_s = self.streams.interval_s(message_id)
-        interval_us = -1
-        if interval_s is not None:
-            interval_us = round(min(interval_s * 1e6, _LONGEST_INTERVAL_US))
-        self.outbox.send(mavlink.MAVLink_message_interval_message(message_id, interval_us))
-        return ACCEPTED
-
-    @on_command(mavlink.MAV_CMD_REQUEST_MESSAGE)
-    def _request_message(self, command: Command) -> int:
-        message_id = command.whole(0)
-        if message_id == discovery.AVAILABLE_MODES:
-            modes = discovery.available_modes(self.firmware.mode_entries, command.whole(1))
-            for message in modes:
-                self.outbox.send_later(message)
-            return ACCEPTED if modes else FAILED
-        return ACCEPTED if self._send_id(message_id) else FAILED
-
-    @on_command(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES)
-    def _request_capabilities(self, _: Command) -> int:
-        self._send_id(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
-        return ACCEPTED
+        peer = (message.get_srcSystem(), message.get_srcComponent())
+        self.hub.acknowledge(self.firmware.set_mode_ack, result, peer)
 
     @on_command(mavlink.MAV_CMD_DO_SET_MODE)
     def _set_mode(self, command: Command) -> int:
         if not command.whole(0) & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
             return DENIED
         return self.set_mode(command.whole(1), command.whole(2))
+
+    @on_command(mavlink.MAV_CMD_NAV_LAND)
+    def _land(self, _: Command) -> int:
+        return self.choose(self.standard.land)
+
+    @on_command(mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH)
+    def _return(self, _: Command) -> int:
+        return self.choose(self.standard.return_home)
+
+    # Arming.
 
     @on_command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM)
     def _arm_disarm(self, command: Command) -> int:
@@ -433,9 +397,82 @@ class EmulatedAutopilot(ABC):
             return self.disarm(force=forced)
         return UNSUPPORTED
 
-    @on_command(mavlink.MAV_CMD_GET_HOME_POSITION)
-    def _get_home(self, _: Command) -> int:
-        return ACCEPTED if self._send_id(mavlink.MAVLINK_MSG_ID_HOME_POSITION) else FAILED
+    def arm(self, *, force: bool) -> int:
+        """Arm if the checks pass; the firmware decides which checks `force` skips."""
+        if self.flight.armed:
+            return ACCEPTED
+        fault = self._arming_fault(force=force)
+        if fault is not None:
+            self.outbox.send_text(CRITICAL, fault)
+            return self.firmware.refused
+        self.flight.arm(self.t_s)
+        self.failsafe = False
+        self._begin_flight()
+        self.enter(self.mode)
+        return ACCEPTED
+
+    def disarm(self, *, force: bool) -> int:
+        """Disarm on the ground, in the air only by force."""
+        if not self.flight.armed:
+            return ACCEPTED
+        if not (self.flight.landed or force):
+            self._report_not_landed()
+            return self.firmware.refused
+        self.stop_motors("external command")
+        return ACCEPTED
+
+    def _disarm_when_due(self) -> None:
+        flight = self.flight
+        if not flight.armed or not flight.landed or self._stays_armed():
+            return
+        landed_at_s = flight.landed_at_s
+        since_s = flight.armed_at_s if landed_at_s is None else landed_at_s
+        if 0.0 < self._disarm_delay_s(after_flight=landed_at_s is not None) <= self.t_s - since_s:
+            self.stop_motors("auto preflight disarming" if landed_at_s is None else "landing")
+
+    # Sticks.
+
+    def fresh_sticks(self) -> Sticks | None:
+        """Return the pilot's sticks; None when there are none, or they are stale."""
+        sticks = self.sticks
+        if sticks is None or self.t_s - sticks.at_s > self._sticks_last_s():
+            return None
+        return sticks
+
+    @on_message("MANUAL_CONTROL")
+    def _on_manual_control(self, message: Any) -> None:
+        if message.target in {0, self.identity.system_id}:
+            self._take_sticks(
+                sticks_of_manual(message.x, message.y, message.z, message.r, at_s=self.t_s)
+            )
+
+    def _take_sticks(self, sticks: Sticks | None) -> None:
+        self.sticks = sticks
+        flown = isinstance(self.flight.behaviour, FlyBySticks)
+        if self.flight.armed and self.mode.is_manual and not flown:
+            self.flight.fly(self._by_sticks())
+
+    def _by_sticks(self) -> Behaviour:
+        return FlyBySticks(
+            sticks=self.fresh_sticks,
+            limits=self._stick_limits(),
+            yaw_rad=self.state.now.euler_rad[2],
+        )
+
+    # Places, missions and fences.
+
+    def place_of(self, command: Command) -> Vec3:
+        """Return a command's position, local; values that are not finite mean the present ones."""
+        state = self.state
+        here = state.frame.to_geodetic(state.now.position_ned_m)
+        altitude_m = command.z
+        if command.frame in RELATIVE_ALTITUDE_FRAMES and self.firmware.heights_relative:
+            altitude_m += state.frame.altitude_m - state.home_down_m
+        return state.frame.to_ned(
+            command.x if math.isfinite(command.x) else here.latitude_deg,
+            command.y if math.isfinite(command.y) else here.longitude_deg,
+            altitude_m if math.isfinite(altitude_m) else here.altitude_m,
+        )
 
     @on_command(mavlink.MAV_CMD_DO_SET_HOME)
     def _set_home(self, command: Command) -> int:
@@ -448,17 +485,6 @@ class EmulatedAutopilot(ABC):
         self.outbox.send_later(telemetry.home_position(self.state))
         return ACCEPTED
 
-    @on_command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN)
-    def _reboot(self, command: Command) -> int:
-        if self.flight.armed:
-            return TEMPORARILY_REJECTED
-        if command.params[0] != 1.0:
-            return UNSUPPORTED
-        self.reboot_requested = True
-        return ACCEPTED
-
-    # Missions and fences.
-
     def _accept_items(self, kind: int, items: tuple[Item, ...]) -> int:
         if kind == mission_service.FENCE:
             try:
@@ -470,8 +496,7 @@ class EmulatedAutopilot(ABC):
                 self.fence = fence
             return result
         if kind == mission_service.MISSION:
-            self.state.mission_seq = 0
-            self.state.mission_total = len(items)
+            self.missions.accept(len(items))
         return mission_service.ACCEPTED
 
     def _home_item(self) -> Item:

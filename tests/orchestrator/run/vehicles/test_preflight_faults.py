@@ -204,7 +204,7 @@ def stores(kind: int, *places: tuple[int, float, float]) -> Callable[[EmbeddedVe
             for command, north_m, up_m in places
         ]
         first = [home] if kind == MISSION and autopilot.firmware.first_mission_item else []
-        autopilot.missions._lists[kind] = (*first, *items)
+        autopilot._item_lists._lists[kind] = (*first, *items)
 
     return store
 

@@ -135,6 +135,6 @@ def test_a_stop_ends_a_pause() -> None:
     bare.run(5.0)
     autopilot: Any = bare.autopilot
     assert bare.command(mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 0.0) == 0
-    assert autopilot.paused is not None
+    assert autopilot.guided.paused is not None
     bare.send(local(NOTHING))
-    assert autopilot.paused is None
+    assert autopilot.guided.paused is None

@@ -16,13 +16,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.vehicles.embedded.autopilot.bare_autopilot import BareAutopilot
-from wil_campaign.plugins.ardupilot.copter.copter import ArduCopter
-from wil_campaign.vehicles.embedded.autopilot.px4.px4 import Px4
-from wil_campaign.vehicles.embedded.autopilot.services.command_registry import marked
 
 Scenario = Callable[[Any], Any]
 BOTH = pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-KINDS = {"px4": Px4, "ardupilot": ArduCopter}
 
 MESSAGES = int(os.environ.get("WIL_FUZZ_MESSAGES", "600"))
 BARE_MESSAGES = max(12000, MESSAGES)
@@ -49,15 +45,15 @@ class Messages:
     def __init__(
         self, autopilot: str, parameters: list[str], seed: int, *, every_kind: bool = False
     ) -> None:
-        kind = KINDS[autopilot]
+        hub = BareAutopilot(autopilot).autopilot.hub
         self._rng = random.Random(seed)  # noqa: S311 - repeatable
         by_name = {each.msgname: each for each in mavlink.mavlink_map.values()}
-        taken = sorted(marked(kind, "mav_messages"))
+        taken = sorted(hub.messages)
         self._kinds = [by_name[name] for name in taken]
         if every_kind:
             # Half of them such that are taken.
             self._kinds = self._kinds * (len(by_name) // len(taken)) + list(by_name.values())
-        self._commands = [*sorted(set(marked(kind, "mav_commands")) - NEVER), 31000, 0, 65535]
+        self._commands = [*sorted(set(hub.commands) - NEVER), 31000, 0, 65535]
         self._items = [16, 17, 19, 20, 21, 22, 82, 177, 178, 5000, 5001, 5003, 5100, 31000]
         self._parameters = parameters
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft
+from wil_campaign.vehicles.embedded.autopilot.aircraft import Aircraft
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import TiltWatch
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
     Behaviour,
@@ -14,7 +14,10 @@ from wil_campaign.vehicles.embedded.autopilot.flight.guidance import (
     Wanted,
 )
 from wil_campaign.vehicles.embedded.autopilot.flight.places import is_altitude, is_on_globe
-from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import local_setpoint
+from wil_campaign.vehicles.embedded.autopilot.flight.setpoint_targets import (
+    global_setpoint,
+    local_setpoint,
+)
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_core import Px4Core
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_failsafes import (
     WARNINGS,
@@ -83,8 +86,11 @@ class Px4(Px4Core):
         message.coordinate_frame = mavlink.MAV_FRAME_LOCAL_NED
         self._receive_setpoint(local_setpoint(message, now))
 
-    def _takes_global_setpoints(self) -> bool:
-        return self.position_valid
+    @on_message("SET_POSITION_TARGET_GLOBAL_INT")
+    def _on_global_setpoint(self, message: Any) -> None:
+        if self.position_valid:
+            state = self.state
+            self._receive_setpoint(global_setpoint(message, state.frame, state.home_down_m))
 
     def _receive_setpoint(self, wanted: Wanted | None) -> None:
         if wanted is None:
@@ -132,18 +138,18 @@ class Px4(Px4Core):
     @on_command(mavlink.MAV_CMD_MISSION_START)
     def _start_mission(self, command: Command) -> int:
         """Fly PX4's mission, and arm for it; param1 is its first item."""
-        if not self.has_mission:
+        if not self.missions.is_uploaded:
             self.outbox.send_text(CRITICAL, "Mission start denied! No valid mission\t")
             return DENIED
         first = command.params[0]
         if not (math.isfinite(first) and -1 <= first < self.state.mission_total):
             return DENIED
         if first >= 0:
-            self._set_current(int(first))
+            self.missions.set_current(int(first))
         result = self.choose(Px4Mode.MISSION)
         return result if result != ACCEPTED else self.arm(force=False)
 
-    def _lift(self, down_m: float) -> Behaviour | None:
+    def lift(self, down_m: float) -> Behaviour | None:
         """Return the climb that PX4 flies before a waypoint when it is on the ground."""
         if not self.flight.landed:
             return None
@@ -151,14 +157,16 @@ class Px4(Px4Core):
         least_m = self.parameters["MIS_TAKEOFF_ALT"]
         return self.manoeuvres.take_off(min(down_m, state.home_down_m - least_m))
 
-    def _flies_by_speeds(self) -> bool:
+    @property
+    def flies_by_speeds(self) -> bool:
+        """Return whether PX4 flies by its own speeds."""
         return self.mode is not Px4Mode.OFFBOARD
 
     @on_command(mavlink.MAV_CMD_DO_REPOSITION)
     def _reposition(self, command: Command) -> int:
         if not self.position_valid or not self._may_be_place(command):
             return DENIED
-        position = self._place_of(command)
+        position = self.place_of(command)
         result = self.choose(Px4Mode.HOLD)
         if result == ACCEPTED and not self.flight.landed:
             speed, _, _, yaw = command.params
@@ -184,7 +192,7 @@ class Px4(Px4Core):
             self._takeoff_down_m = None
             return self.manoeuvres.take_off(down_m)
         if mode is Px4Mode.MISSION:
-            return self._mission()
+            return self.missions.begin()
         return super()._behaviour(mode)
 
     # Supervision.
@@ -199,7 +207,7 @@ class Px4(Px4Core):
         if not self.flight.armed:
             return
         self._report_phases()
-        self._watch_mission()
+        self.missions.watch()
         if not self.terminated:
             self._end_takeoff()
             if self._tilt.tumbling(self.state.now, self.t_s) and self._may_terminate():

@@ -6,14 +6,16 @@ from typing import Any, ClassVar
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.autopilots.px4 import Px4 as Strategy
-from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import Aircraft, Firmware
+from wil_campaign.vehicles.embedded.autopilot.aircraft import Aircraft, Firmware
+from wil_campaign.vehicles.embedded.autopilot.emulated_autopilot import (
+    EmulatedAutopilot,
+    StandardModes,
+)
 from wil_campaign.vehicles.embedded.autopilot.flight import telemetry
 from wil_campaign.vehicles.embedded.autopilot.flight.flight import FlightStyle
 from wil_campaign.vehicles.embedded.autopilot.flight.guidance import Behaviour, Follow, speed_limits
 from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import ItemRules
 from wil_campaign.vehicles.embedded.autopilot.flight.sticks import StickLimits
-from wil_campaign.vehicles.embedded.autopilot.flying_autopilot import StandardModes
-from wil_campaign.vehicles.embedded.autopilot.mission_autopilot import MissionAutopilot
 from wil_campaign.vehicles.embedded.autopilot.px4 import px4_telemetry
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_behaviors import Px4Manoeuvres
 from wil_campaign.vehicles.embedded.autopilot.px4.px4_modes import ENTRIES, Px4Mode, px4_mode
@@ -39,8 +41,6 @@ _CHECKS_PASS_S = 4.9
 _PREARM_BIT_S = 6.3
 _TERRAIN_LOST_S = 0.7
 """How long after landing the estimator loses its height above ground."""
-_NO_MISSION_ITEMS = 65535
-"""MISSION_CURRENT.total without a mission, as in the reference trace."""
 _PREARM_BIT_OFF_S = 0.18
 """How long the pre-arm bit is 0 when a failsafe begins."""
 
@@ -70,7 +70,7 @@ RULES = ItemRules(
 """Items of missions, fences and rally points that PX4 accepts (mavlink_mission.cpp, v1.18)."""
 
 
-class Px4Core(MissionAutopilot[Px4Mode]):
+class Px4Core(EmulatedAutopilot[Px4Mode]):
     """PX4's modes and arming; the subclass handles setpoints, missions and failsafes."""
 
     name: ClassVar[str] = Strategy.name
@@ -97,6 +97,7 @@ class Px4Core(MissionAutopilot[Px4Mode]):
     style: ClassVar[FlightStyle] = FlightStyle(
         law=PX4, spool_s=1.0, lift_s=2.5, noticed_s=0.88, touch_s=1.0
     )
+    no_mission_items: ClassVar[int] = 65535  # as in the reference trace
     manoeuvres: Px4Manoeuvres
 
     def __init__(self, aircraft: Aircraft) -> None:
@@ -131,7 +132,7 @@ class Px4Core(MissionAutopilot[Px4Mode]):
             return False
         if self.mode is Px4Mode.OFFBOARD and not self.setpoints_stream:
             return False
-        if self.mode is Px4Mode.MISSION and not self.has_mission:
+        if self.mode is Px4Mode.MISSION and not self.missions.is_uploaded:
             return False
         if self.mode.is_manual and self.fresh_sticks() is None:
             return False
@@ -200,9 +201,6 @@ class Px4Core(MissionAutopilot[Px4Mode]):
             return int(mavlink.MAV_LANDED_STATE_LANDING)
         return int(mavlink.MAV_LANDED_STATE_IN_AIR)
 
-    def _mission_total(self) -> int:
-        return super()._mission_total() or _NO_MISSION_ITEMS
-
     def _split_mode(self, custom_mode: int) -> tuple[int, int]:
         return custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
 
@@ -232,7 +230,7 @@ class Px4Core(MissionAutopilot[Px4Mode]):
         if mode is Px4Mode.OFFBOARD:
             return self.setpoints_stream
         if mode is Px4Mode.MISSION:
-            return self.has_mission
+            return self.missions.is_uploaded
         return self.position_valid
 
     def fail(self, mode: Px4Mode) -> None:
@@ -248,7 +246,7 @@ class Px4Core(MissionAutopilot[Px4Mode]):
         if mode is Px4Mode.LAND:
             return self.manoeuvres.land()
         if mode is Px4Mode.RTL:
-            return self._return_home()
+            return self.return_home()
         if mode.is_manual and self.sticks is not None:
             return self._by_sticks()
         return self.manoeuvres.hold()
@@ -261,7 +259,8 @@ class Px4Core(MissionAutopilot[Px4Mode]):
     def _sticks_last_s(self) -> float:
         return self.parameters["COM_RC_LOSS_T"]
 
-    def _return_home(self) -> Behaviour:
+    def return_home(self) -> Behaviour:
+        """Return the behaviour that flies PX4 home, and say so."""
         state, height_m = self.state, self.manoeuvres.return_height_m()
         amsl_m = state.frame.altitude_m - state.home_down_m + height_m
         self.outbox.send_text(

@@ -79,7 +79,7 @@ Handler = TypeVar("Handler", bound=Callable[..., Any])
 
 
 def on_command(*numbers: int) -> Callable[[Handler], Handler]:
-    """Register a method of an autopilot as the handler of these commands."""
+    """Register a method of a part of an autopilot as the handler of these commands."""
 
     def mark(handler: Handler) -> Handler:
         handler.__dict__["mav_commands"] = numbers
@@ -89,7 +89,7 @@ def on_command(*numbers: int) -> Callable[[Handler], Handler]:
 
 
 def on_message(*names: str) -> Callable[[Handler], Handler]:
-    """Register a method of an autopilot as the handler of these messages."""
+    """Register a method of a part of an autopilot as the handler of these messages."""
 
     def mark(handler: Handler) -> Handler:
         handler.__dict__["mav_messages"] = names
@@ -99,13 +99,18 @@ def on_message(*names: str) -> Callable[[Handler], Handler]:
 
 
 def on_request(*message_ids: int) -> Callable[[Handler], Handler]:
-    """Register a method of an autopilot as the builder of these requested messages."""
+    """Register a method of a part of an autopilot as the builder of these requested messages."""
 
     def mark(handler: Handler) -> Handler:
         handler.__dict__["mav_requests"] = message_ids
         return handler
 
     return mark
+
+
+def handlers(part: object, mark: str) -> dict[Any, Callable[..., Any]]:
+    """Return the registered methods of a part, bound, by what they handle."""
+    return {key: getattr(part, name) for key, name in marked(type(part), mark).items()}
 
 
 def marked(kind: type, mark: str) -> dict[Any, str]:

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from wil_campaign.vehicles.embedded.autopilot.services.command_registry import on_message
+
 _HEADER_BYTES, _DATA_BYTES = 12, 239
 _ACK, _NAK = 128, 129
 _TERMINATE, _RESET, _LIST, _OPEN, _READ, _WRITE, _CREATE, _CRC, _BURST = (
@@ -53,13 +55,20 @@ class FileService:
     directories are empty, and no file is found.
     """
 
-    def __init__(self, files: Mapping[str, Callable[[], bytes]]) -> None:
+    def __init__(
+        self, files: Mapping[str, Callable[[], bytes]], send: Callable[[Any], None]
+    ) -> None:
         self._files = files
+        self._send = send
         self._open: bytes | None = None
 
-    def answers(self, message: Any) -> list[Any]:
-        """Return the replies to a FILE_TRANSFER_PROTOCOL: one, or a burst of them."""
-        request = _request_of(message)
+    @on_message("FILE_TRANSFER_PROTOCOL")
+    def _on_file_transfer(self, message: Any) -> None:
+        for answer in self._answers(_request_of(message)):
+            self._send(answer)
+
+    def _answers(self, request: _Request) -> list[Any]:
+        """Return the replies to a request: one, or a burst of them."""
         opcode = request.opcode
         if opcode in _WITHOUT_DATA:
             if opcode:

@@ -5,6 +5,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from wil_campaign.vehicles.embedded.autopilot.services.command_registry import on_message
 from wil_campaign.vehicles.embedded.autopilot.services.log_formats import LogWriter
 from wil_campaign.vehicles.embedded.physics.states import Motion
 
@@ -41,8 +42,8 @@ class FlightLogs:
         if self._request is not None:
             self._send_pieces(*self._request)
 
-    def handle(self, message: Any) -> None:
-        """Handle a message about logs."""
+    @on_message("LOG_REQUEST_LIST", "LOG_REQUEST_DATA", "LOG_REQUEST_END", "LOG_ERASE")
+    def _on_logs(self, message: Any) -> None:
         kind = message.get_type()
         if kind == "LOG_REQUEST_LIST":
             self._list(message.start, message.end)

@@ -15,6 +15,7 @@ from wil_campaign.vehicles.embedded.autopilot.flight.mission_items import (
     item_fault,
     item_of,
 )
+from wil_campaign.vehicles.embedded.autopilot.services.command_registry import on_message
 
 __all__ = ["ACCEPTED", "FENCE", "MISSION", "RALLY", "Accept", "MissionService"]
 
@@ -47,22 +48,24 @@ Accept = Callable[[int, tuple[Item, ...]], int]
 class MissionService:
     """Serves the mission protocol for the three item lists.
 
-    home: returns item 0 of every mission, which is home in ArduPilot; None when a mission begins
-    with the user's first item, as in PX4. rules: of the items that the firmware accepts. go_to:
-    flies to a "guided" MISSION_ITEM (current of 2), which is not part of an upload; returns a
-    MAV_MISSION_RESULT.
+    clock: of the vehicle, s. home: returns item 0 of every mission, which is home in ArduPilot;
+    None when a mission begins with the user's first item, as in PX4. rules: of the items that the
+    firmware accepts. go_to: flies to a "guided" MISSION_ITEM (current of 2), which is not part of
+    an upload; returns a MAV_MISSION_RESULT.
     """
 
     def __init__(
         self,
         *,
         send: Callable[[Any], None],
+        clock: Callable[[], float],
         accept: Accept,
         home: Callable[[], Item] | None,
         rules: ItemRules,
         go_to: Callable[[Item], int],
     ) -> None:
         self._send = send
+        self._clock = clock
         self._accept = accept
         self._home = home
         self._rules = rules
@@ -79,9 +82,17 @@ class MissionService:
             return (self._home(), *items[1:])
         return items
 
-    def handle(self, message: Any, t_s: float) -> None:
-        """Handle any message of the mission protocol."""
-        name = message.get_type()
+    @on_message(
+        "MISSION_COUNT",
+        "MISSION_ITEM_INT",
+        "MISSION_ITEM",
+        "MISSION_REQUEST_LIST",
+        "MISSION_REQUEST_INT",
+        "MISSION_REQUEST",
+        "MISSION_CLEAR_ALL",
+    )
+    def _on_mission(self, message: Any) -> None:
+        name, t_s = message.get_type(), self._clock()
         if name == "MISSION_COUNT":
             self._begin(message, t_s)
         elif name in {"MISSION_ITEM_INT", "MISSION_ITEM"}:

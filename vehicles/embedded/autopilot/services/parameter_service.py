@@ -9,6 +9,8 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameters
+from wil_campaign.vehicles.embedded.autopilot.services.command_registry import on_message
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import INFO, Outbox
 
 NO_INDEX = 65535
 """ArduPilot's index of a parameter that was not requested by index."""
@@ -21,64 +23,79 @@ class ParameterService:
     """Serves PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET.
 
     strict: as PX4, which begins a list with the hash of all values, refuses a PARAM_SET of the
-    wrong type and sends the parameter's index in its reply; otherwise as ArduPilot.
+    wrong type and sends the parameter's index in its reply; otherwise as ArduPilot. That nothing
+    acts on a parameter that is set, a STATUSTEXT says once.
     """
 
     _PER_TURN = 8
     """Number of parameters of a list that are sent per turn of 20 ms, to not flood a radio."""
 
-    def __init__(self, parameters: Parameters, *, strict: bool) -> None:
+    def __init__(self, parameters: Parameters, outbox: Outbox, *, strict: bool) -> None:
         self._parameters = parameters
+        self._outbox = outbox
         self._strict = strict
         self._queue: deque[str] = deque()
+        self._announced: set[str] = set()
 
-    def request_list(self) -> None:
+    @on_message("PARAM_REQUEST_LIST")
+    def _on_list(self, _: Any) -> None:
         """Begin to send all parameters; PX4 sends their hash first."""
         self._queue = deque([HASH_NAME] if self._strict else [])
         self._queue.extend(self._parameters)
 
-    def due(self) -> list[Any]:
-        """Return the next few parameters of a list in progress."""
-        if not self._queue:
-            return []
-        count = min(self._PER_TURN, len(self._queue))
-        return [self._value(self._queue.popleft(), indexed=True) for _ in range(count)]
+    def turn(self) -> None:
+        """Send the next few parameters of a list in progress."""
+        for _ in range(min(self._PER_TURN, len(self._queue))):
+            self._outbox.send(self._value(self._queue.popleft(), indexed=True))
 
-    def read(self, message: Any) -> list[Any]:
-        """Return the reply to a PARAM_REQUEST_READ; ArduPilot sends none for unknown names."""
+    @on_message("PARAM_REQUEST_READ")
+    def _on_read(self, message: Any) -> None:
+        """Send the parameter; ArduPilot sends none for unknown names."""
         index = message.param_index
         name = self._parameters.name_at(index) if index >= 0 else message.param_id
         if self._strict and name == HASH_NAME:
-            return [self._hash()]
-        if name is None or name not in self._parameters:
-            return self._unknown(message, index)
-        return [self._value(name, indexed=True)]
+            self._outbox.send(self._hash())
+        elif name is None or name not in self._parameters:
+            self._refuse(message, index)
+        else:
+            self._outbox.send(self._value(name, indexed=True))
 
-    def write(self, message: Any) -> list[Any]:
-        """Handle a PARAM_SET and return the reply: the present value, or nothing."""
+    @on_message("PARAM_SET")
+    def _on_set(self, message: Any) -> None:
+        self._set(message)
+        name = message.param_id
+        is_new = name in self._parameters and name not in self._announced
+        if is_new and self._parameters.is_in_vain(name):
+            self._announced.add(name)
+            self._outbox.send_text(INFO, f"{name} has no effect in this emulation")
+
+    def _set(self, message: Any) -> None:
+        """Set a parameter and send the present value, or nothing."""
         name = message.param_id
         parameters = self._parameters
         if self._strict and name == HASH_NAME:
             # A ground station that already has all values stops the list this way.
             self._queue.clear()
-            return []
+            return
         if name not in parameters:
-            return self._unknown(message, -1)
+            self._refuse(message, -1)
+            return
         if not self._strict and not math.isfinite(message.param_value):
-            return []
+            return
         if not self._strict or message.param_type == parameters.kind(name):
             value = parameters.from_wire(message.param_type, message.param_value)
             if math.isfinite(value):
                 parameters.set(name, value)
-        return [self._value(name, indexed=self._strict)]
+        self._outbox.send(self._value(name, indexed=self._strict))
 
-    def _unknown(self, message: Any, index: int) -> list[Any]:
+    def _refuse(self, message: Any, index: int) -> None:
+        """Answer that there is no such parameter; ArduPilot does not."""
         if not self._strict:
-            return []
+            return
         peer = (message.get_srcSystem(), message.get_srcComponent())
         unknown = mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST
         name = message.param_id.encode(errors="replace")[:16]
-        return [mavlink.MAVLink_param_error_message(*peer, name, index, unknown)]
+        self._outbox.send(mavlink.MAVLink_param_error_message(*peer, name, index, unknown))
 
     def _value(self, name: str, *, indexed: bool) -> Any:
         if name == HASH_NAME:

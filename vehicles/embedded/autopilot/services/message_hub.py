@@ -1,0 +1,171 @@
+"""An emulated autopilot's messages, in and out: whose method handles what, answers, streams."""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from wil_campaign.vehicles.embedded.autopilot.flight.autopilot_state import State
+from wil_campaign.vehicles.embedded.autopilot.flight.telemetry import Builder
+from wil_campaign.vehicles.embedded.autopilot.services import discovery
+from wil_campaign.vehicles.embedded.autopilot.services.command_registry import (
+    ACCEPTED,
+    DENIED,
+    FAILED,
+    UNSUPPORTED,
+    Command,
+    from_int,
+    from_long,
+    handlers,
+    on_command,
+    on_message,
+)
+from wil_campaign.vehicles.embedded.autopilot.services.outbox import Outbox
+from wil_campaign.vehicles.embedded.autopilot.services.stream_intervals import StreamIntervals
+
+COMPONENT: int = mavlink.MAV_COMP_ID_AUTOPILOT1
+_HIGHEST_INTERVAL_ID = 65535
+"""Message ids in MESSAGE_INTERVAL have 16 bits."""
+_LONGEST_INTERVAL_US = 2**31 - 1
+"""Intervals in MESSAGE_INTERVAL are signed 32-bit integers."""
+
+
+class MessageHub:
+    """The messages of an emulated autopilot, in and out.
+
+    Its parts are objects with methods marked by `on_message`, `on_command` and `on_request`.
+    builders: of messages by id, from the state. modes: in AVAILABLE_MODES.
+    """
+
+    def __init__(
+        self,
+        *,
+        system_id: int,
+        state: State,
+        streams: StreamIntervals,
+        outbox: Outbox,
+        builders: Mapping[int, Builder],
+        modes: tuple[discovery.ModeEntry, ...],
+    ) -> None:
+        self._system_id = system_id
+        self._state = state
+        self._streams = streams
+        self._outbox = outbox
+        self._builders = builders
+        self._modes = modes
+        self._arrived_s = 0.0
+        self.messages: dict[str, Callable[[Any], None]] = {}
+        self.commands: dict[int, Callable[[Command], int]] = {}
+        self._requests: dict[int, Callable[[], Any]] = {}
+
+    def serve(self, *parts: object) -> None:
+        """Have marked methods of these parts handle their messages; a later part's replaces."""
+        for part in parts:
+            self.messages |= handlers(part, "mav_messages")
+            self.commands |= handlers(part, "mav_commands")
+            self._requests |= handlers(part, "mav_requests")
+
+    def handle(self, message: Any, arrived_s: float) -> None:
+        """Handle one MAVLink message; messages to other systems are ignored.
+
+        arrived_s: its time of arrival, after the last step and before the next.
+        """
+        system = getattr(message, "target_system", 0)
+        component = getattr(message, "target_component", 0)
+        if system not in {0, self._system_id} or component not in {0, COMPONENT}:
+            return
+        handler = self.messages.get(message.get_type())
+        if handler is not None:
+            self._arrived_s = arrived_s
+            handler(message)
+            self._outbox.release()
+
+    def send_due(self) -> None:
+        """Queue the messages of all streams that are due."""
+        now_s = self._state.clock_s
+        if now_s >= self._streams.next_due_s:
+            for message_id in self._streams.due(now_s):
+                self.send(message_id)
+
+    def send(self, message_id: int) -> bool:
+        """Queue a message by id; False when the autopilot has none, or not yet."""
+        builder, request = self._builders.get(message_id), self._requests.get(message_id)
+        if builder is not None:
+            message = builder(self._state)
+        else:
+            message = request() if request is not None else None
+        self._outbox.send(message)
+        return message is not None
+
+    def acknowledge(self, number: int, result: int, peer: tuple[int, int]) -> None:
+        """Queue the COMMAND_ACK of a command by a system and component."""
+        self._outbox.send(mavlink.MAVLink_command_ack_message(number, result, 0, 0, *peer))
+
+    def _do(self, command: Command) -> None:
+        handler = self.commands.get(command.number)
+        result = handler(command) if handler is not None else UNSUPPORTED
+        self.acknowledge(command.number, result, (command.from_system, command.from_component))
+
+    @on_message("COMMAND_LONG")
+    def _on_command_long(self, message: Any) -> None:
+        self._do(from_long(message))
+
+    @on_message("COMMAND_INT")
+    def _on_command_int(self, message: Any) -> None:
+        self._do(from_int(message))
+
+    @on_message("TIMESYNC")
+    def _on_timesync(self, message: Any) -> None:
+        if message.tc1 == 0:
+            now_ns = self._state.stamp_us(self._arrived_s) * 1000
+            self._outbox.send(mavlink.MAVLink_timesync_message(now_ns, message.ts1))
+
+    @on_message("PING")
+    def _on_ping(self, message: Any) -> None:
+        if message.target_system == 0:
+            peer = (message.get_srcSystem(), message.get_srcComponent())
+            self._outbox.send(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *peer))
+
+    @on_command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)
+    def _set_interval(self, command: Command) -> int:
+        number, interval_us = command.whole(0), command.params[1]
+        if number not in mavlink.mavlink_map or math.isnan(interval_us):
+            return DENIED
+        if interval_us == 0.0:
+            self._streams.reset_rate(number, now_s=self._state.clock_s)
+        else:
+            rate_hz = 1e6 / interval_us if interval_us > 0.0 else 0.0
+            self._streams.set_rate(number, rate_hz, now_s=self._state.clock_s)
+        return ACCEPTED
+
+    @on_command(mavlink.MAV_CMD_GET_MESSAGE_INTERVAL)
+    def _get_interval(self, command: Command) -> int:
+        message_id = command.whole(0)
+        if not 0 <= message_id <= _HIGHEST_INTERVAL_ID:
+            return DENIED
+        interval_s = self._streams.interval_s(message_id)
+        interval_us = -1
+        if interval_s is not None:
+            interval_us = round(min(interval_s * 1e6, _LONGEST_INTERVAL_US))
+        self._outbox.send(mavlink.MAVLink_message_interval_message(message_id, interval_us))
+        return ACCEPTED
+
+    @on_command(mavlink.MAV_CMD_REQUEST_MESSAGE)
+    def _request_message(self, command: Command) -> int:
+        message_id = command.whole(0)
+        if message_id == discovery.AVAILABLE_MODES:
+            modes = discovery.available_modes(self._modes, command.whole(1))
+            for message in modes:
+                self._outbox.send_later(message)
+            return ACCEPTED if modes else FAILED
+        return ACCEPTED if self.send(message_id) else FAILED
+
+    @on_command(mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES)
+    def _request_capabilities(self, _: Command) -> int:
+        self.send(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+        return ACCEPTED
+
+    @on_command(mavlink.MAV_CMD_GET_HOME_POSITION)
+    def _get_home(self, _: Command) -> int:
+        return ACCEPTED if self.send(mavlink.MAVLINK_MSG_ID_HOME_POSITION) else FAILED
