@@ -274,7 +274,7 @@ class Stl(Oracle):
         self._next_check_s = t_s + _CHECK_EVERY_S
         times_s, values = self._trace.times_s, self._trace.values()
         best = self._monitor.at_best(times_s, values, t_s)
-        if isinstance(best, Unevaluable) or best.value >= 0.0:
+        if isinstance(best, Unevaluable) or best.holds:
             return NO_FLAGS
         self._flagged = True
         text = f"{self.vehicle}: {self.name} cannot be satisfied any more"

@@ -138,6 +138,16 @@ def test_a_strict_comparison_fails_exactly_at_the_limit(text: str, verdict: str)
     assert other.result(9.0).verdict == verdict
 
 
+def test_the_margin_of_a_formula_that_fails_at_the_very_limit_is_zero() -> None:
+    # By the minimum alone `up_m >= 1` decides, which holds; `up_m > 2` fails by more.
+    judge = stl("always (up_m >= 1 and (up_m > 2 or up_m < 1))")
+    stage(judge, goal=3.0)
+    heights(judge, 1.0)
+    result = judge.result(9.0)
+    assert (result.verdict, result.margin, result.limit) == ("FAIL", 0.0, 1.0)
+    assert result.detail == "up_m < 1 is violated: 1.000 m against 1 m"
+
+
 def test_contact_is_no_clearance() -> None:
     judge = stl("always (clearance_m > 0)")
     stage(judge, takeoff=1.0, at_height=2.0, goal=3.0)
@@ -450,6 +460,17 @@ def test_it_fails_fast_once_it_can_hold_no_more() -> None:
     assert flag.decisive
     assert flag.text == (
         "real: stl cannot be satisfied any more: up_m >= 3 is violated: 1.500 m against 3 m"
+    )
+
+
+def test_contact_fails_fast_although_its_margin_is_zero() -> None:
+    judge = stl("always (clearance_m > 0)", fail_fast=True)
+    stage(judge, takeoff=1.0, at_height=2.0, goal=3.0)
+    for t_s, north_m in ((3.0, 0.0), (3.1, 2.5), (3.2, 3.5), (3.3, 3.5)):
+        judge.on_pose(pose(t_s, (north_m, -0.55, -1)))
+    (flag,) = judge.on_tick(4.0)
+    assert flag.text == (
+        "real: stl cannot be satisfied any more: clearance_m > 0 is violated: 0.000 m against 0 m"
     )
 
 
