@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 from wil_campaign.foundation.files.documents import KeyFaultError
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import StageSample, StateSample
+from wil_campaign.safety.model.signals import battery_percent
 from wil_campaign.safety.oracles.limit_oracle import LimitOracle, beside_limit
 from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
@@ -154,10 +155,7 @@ class Battery(LimitOracle):
 
     def on_state(self, sample: StateSample) -> Flags:
         """Take a state; a battery below its limit is a flag."""
-        value = sample.battery_v
-        if self._in_percent:
-            fraction = sample.battery_fraction
-            value = None if fraction is None else fraction * 100.0
+        value = battery_percent(sample) if self._in_percent else sample.battery_v
         if not self.stages.open:
             return NO_FLAGS
         if value is None:

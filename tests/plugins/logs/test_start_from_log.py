@@ -15,7 +15,13 @@ from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.ardupilot.copter.data_flash import DataFlash
 from wil_campaign.plugins.logs.course import course_of
 from wil_campaign.plugins.logs.log_reader import read_log
-from wil_campaign.plugins.logs.logged_flight import LogError, LoggedFlight, TrackPoint
+from wil_campaign.plugins.logs.logged_flight import (
+    LogError,
+    LoggedFlight,
+    PowerSample,
+    TrackPoint,
+)
+from wil_campaign.plugins.logs.start import battery_of
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parameters
 from wil_campaign.vehicles.embedded.autopilot.services.log_formats import ULog
 from wil_campaign.vehicles.embedded.physics.states import Motion
@@ -225,6 +231,16 @@ def test_the_longest_of_several_flights_is_flown() -> None:
     assert course is not None
     assert (course.flights, course.duration_s) == (2, 19.0)
     assert course_of(LoggedFlight(kind="", track=track[:2])) is None
+
+
+def test_the_hover_current_is_that_of_the_flight_however_long_it_stood_armed() -> None:
+    ups = [0.0] * 60 + [2.0] * 30 + [0.0]
+    track = [TrackPoint(float(k), 0.0, 0.0, up, 0.0) for k, up in enumerate(ups)]
+    power = [PowerSample(float(k), 15.0, 12.0 if up else 1.0) for k, up in enumerate(ups)]
+    flight = LoggedFlight(kind="", track=track, armed=[(0.0, True), (90.0, False)], power=power)
+    battery = battery_of(flight, course_of(flight))
+    assert battery is not None
+    assert battery.values["hover_current_a"] == 12.0
 
 
 def test_a_log_that_is_not_there_is_refused(tmp_path: Path, capsys: Capture) -> None:

@@ -195,6 +195,16 @@ def test_battery_by_charge_and_by_voltage() -> None:
     assert (voltage.result(5.0).margin, voltage.result(5.0).unit) == (-0.5, "V")
 
 
+@pytest.mark.parametrize("percent", range(1, 101))
+def test_a_charge_of_exactly_the_least_percent_passes(percent: int) -> None:
+    judge = build("battery", min_percent=percent)
+    bound = build("stl", stl=f"always ({percent} <= battery_percent <= {percent})")
+    for one in (judge, bound):
+        stage(one, takeoff=1.0, goal=1.5)
+        one.on_state(state_of(2.0, percent=percent))
+        assert one.result(3.0).verdict == "PASS"
+
+
 def test_a_charge_that_is_unknown_after_it_was_known_passes_nothing() -> None:
     judge = build("battery", min_percent=20.0)
     stage(judge, takeoff=1.0)
