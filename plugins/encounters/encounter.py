@@ -93,7 +93,8 @@ class Encounter(Oracle):
             actual=self._near_s,
             limit=self._for_s,
             unit="s",
-            margin=margin_s,
+            # Where the two never met, no time is too little by nothing.
+            margin=margin_s if is_met or margin_s < 0.0 else None,
             detail=detail,
         )
 

@@ -220,12 +220,16 @@ class Modes(Oracle):
         return self.flag(sample.t_s, text)
 
     def result(self, t_s: float) -> OracleResult:
-        """Return the number of mode changes, and the first that was not allowed."""
+        """Return the number of mode changes, and the first mode or change that was not allowed.
+
+        A mode that is not allowed has no margin, however few the changes.
+        """
         del t_s
-        limit = self._max_changes
         if self._last is None:
             return self.invalid("no state seen")
         at_s, text = self._first_bad or (None, "")
+        most = self._max_changes
+        limit = most if self._first_bad is None or self._changes > (most or 0) else None
         return self.verdict(
             passed=self._first_bad is None,
             actual=float(self._changes),

@@ -247,6 +247,15 @@ def test_modes_may_change_so_often() -> None:
     assert (judge.result(5.0).verdict, judge.result(5.0).margin) == ("FAIL", -1.0)
 
 
+def test_a_mode_that_is_not_allowed_has_no_margin_to_the_most_changes() -> None:
+    judge = build("modes", allowed=("guided", "hold"), max_changes=2)
+    stage(judge, goal=1.0)
+    for t_s, mode in ((2.0, Mode.GUIDED), (3.0, Mode.LAND)):
+        judge.on_state(state_of(t_s, mode=mode))
+    result = judge.result(4.0)
+    assert (result.verdict, result.actual, result.limit, result.margin) == ("FAIL", 1.0, None, None)
+
+
 # The terms that every oracle has.
 
 
