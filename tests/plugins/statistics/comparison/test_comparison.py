@@ -90,8 +90,16 @@ def test_fewer_flights_with_nothing_near_may_be_chance() -> None:
     assert one_of_ten.outcome == "undecided"
     assert (one_of_ten.is_beyond, one_of_ten.flights) == ((True, True), (10, 10))
     (_, half) = compared(near("a", [0.5, None]), near("a", [0.5, 0.6, None]), margin=0.1).changes
-    assert half.is_beyond == (True, False)
+    assert half.is_beyond == (True, True)
     assert half.before == pytest.approx(1.25)
+    assert half.after == pytest.approx(3.1 / 3)
+
+
+def test_what_stands_before_and_after_is_what_was_compared() -> None:
+    before, after = [0.5, 0.5, 0.5, 0.6, 0.6], [0.1, 0.1, 0.5, 0.6, 0.6]
+    (_, change) = compared(near("a", before), near("a", after), margin=0.1).changes
+    assert (change.before, change.after) == (pytest.approx(0.54), pytest.approx(0.38))
+    assert change.loss == pytest.approx(change.before - change.after)
 
 
 def test_a_margin_that_no_limit_gives_is_not_taken_for_nothing_near() -> None:
