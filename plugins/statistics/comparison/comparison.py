@@ -35,10 +35,10 @@ class Change:
     """One figure of a case and mode, before and after. what: "pass rate", or "margin of ORACLE".
 
     before, after: pass rates, or mean margins in `unit`; is_beyond: whether the mean of each side
-    is known to be larger alone, as nothing came near in some flight. flights: their numbers, with a repeated
-    flight once. loss: positive is worse. p: one-sided, corrected for the number of tests; 0 where
-    equal runs of both sides differ, which chance cannot explain; None where untestable; `why` has
-    the reason.
+    is known to be larger alone, as nothing came near in some flight. flights: their numbers, with a
+    repeated flight once. loss: positive is worse. p: one-sided, corrected for the number of tests;
+    0 where equal runs of both sides differ, which chance cannot explain; None where untestable;
+    `why` has the reason.
     """
 
     case: str
