@@ -38,7 +38,8 @@ class Change:
     is known to be larger alone, as nothing came near in some flight. flights: their numbers, with a
     repeated flight once. loss: positive is worse. p: one-sided, corrected for the number of tests;
     0 where equal runs of both sides differ, which chance cannot explain; None where untestable;
-    `why` has the reason.
+    `why` has the reason. equal: whether the runs of each side are equal, so that its rate has no
+    interval.
     """
 
     case: str
@@ -53,6 +54,7 @@ class Change:
     outcome: Outcome
     why: str = ""
     is_beyond: tuple[bool, bool] = (False, False)
+    equal: tuple[bool, bool] = (False, False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +177,8 @@ def _cell_changes(
     if not why and p is None:
         p = fisher_exact(counts[1], counts[0], "less")
     what = "pass rate"
-    found = [Change(*cell, what, "", was, now, flights, was - now, p, "not worse", why)]
+    change = Change(*cell, what, "", was, now, flights, was - now, p, "not worse", why)
+    found = [replace(change, equal=(are_equal(old), are_equal(new)))]
     if limits.margin is None:
         return found
     margins = [_margins(runs) for runs in once]

@@ -608,3 +608,13 @@ def test_other_parameters_in_the_vehicle_are_named(tmp_path: Path, capsys: Captu
     assert main(["compare", str(tmp_path / "before"), str(tmp_path / "after")]) == 0
     said = capsys.readouterr().out
     assert "also changed: real: the digest of its parameters was 0a, now it is 0b" in said
+
+
+def test_equal_runs_have_no_interval_on_the_page_either(tmp_path: Path) -> None:
+    old = write_flown(tmp_path / "old", flights("a", "wil", "P" * 5, [0.1] * 5), with_motion=False)
+    new = write_flown(tmp_path / "new", flights("a", "wil", "PPPPF", TEN[:5]), with_motion=False)
+    page = tmp_path / "compare.html"
+    main(["compare", str(old), str(new), "--page", str(page)])
+    text = page.read_text()
+    assert "5 of 5 passed<" in text
+    assert "4 of 5 passed, interval of 28% to 99%" in text
