@@ -132,7 +132,7 @@ def test_a_source_that_ended_is_found_in_flight() -> None:
     assert "no sample for 0.72 s; 1.08 s after the goal" in event.text
 
 
-def test_a_gap_just_beyond_the_limit_is_told_from_it() -> None:
+def test_a_gap_just_beyond_the_limit_is_shown_beyond_it() -> None:
     evidence = Evidence((replace(terms(), limit_s=1.0),))
     evidence.stage(StageSample(1.0, "takeoff"))
     evidence.pose(pose(1.0))
