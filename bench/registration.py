@@ -24,6 +24,7 @@ from wil_campaign.orchestrator.run.perception.mixing_loop import MixingLoop, Reg
 from wil_campaign.orchestrator.run.perception.registration_error import (
     box_corners,
     registration_error_px,
+    seen_points,
 )
 from wil_campaign.orchestrator.state.mixtures import MixedFrame
 from wil_campaign.recipes.language.recipe_document import load_recipe
@@ -105,13 +106,13 @@ def fly(align: str, seconds: float) -> Seen:
     def registration(twin: Reading, exposed_s: float) -> RegistrationError:
         if not isinstance(twin, CameraReading) or twin.camera_pose is None:
             return RegistrationError()
-        error_px = registration_error_px(
+        points = seen_points(
             zip(corners, corners, strict=True),
             intrinsics=CAMERA,
             drawn_from=twin.camera_pose,
             reference=truth(exposed_s),
         )
-        return RegistrationError(error_px)
+        return RegistrationError(registration_error_px(points))
 
     def tell(frame: MixedFrame) -> None:
         error_px = frame.mixed.provenance.registration_error_px

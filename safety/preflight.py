@@ -93,7 +93,7 @@ def at_least(
     if actual is None or not math.isfinite(actual):
         return Item(check, vehicle, "refused", None, limit, unit, f"{what} is not known")
     if actual < limit:
-        text = f"{what} is {_amount(actual, unit)}, and at least {_amount(limit, unit)} is required"
+        text = f"{what} is {_beside(actual, limit, unit, 'at least')} is required"
         return Item(check, vehicle, "refused", actual, limit, unit, text)
     return Item(check, vehicle, "ok", actual, limit, unit)
 
@@ -105,7 +105,7 @@ def at_most(
     if actual is None or not math.isfinite(actual):
         return Item(check, vehicle, "refused", None, limit, unit, f"{what} is not known")
     if actual > limit:
-        text = f"{what} is {_amount(actual, unit)}, and at most {_amount(limit, unit)} is allowed"
+        text = f"{what} is {_beside(actual, limit, unit, 'at most')} is allowed"
         return Item(check, vehicle, "refused", actual, limit, unit, text)
     return Item(check, vehicle, "ok", actual, limit, unit)
 
@@ -224,6 +224,9 @@ def pair_item(real_m: Vec3 | None, twin_m: Vec3 | None, tolerance_m: float) -> I
     return at_most("pair", "", apart_m, tolerance_m, unit="m", what=what)
 
 
-def _amount(value: float, unit: str) -> str:
-    """Return a preflight value with its unit."""
-    return f"{value:.3g} {unit}".rstrip()
+def _beside(actual: float, limit: float, unit: str, side: str) -> str:
+    """Return a preflight value and its limit with their unit, as text that tells them apart."""
+    shown = f"{actual:.0f}" if abs(actual) >= 1000.0 else f"{actual:.3g}"
+    if float(shown) == limit or (float(shown) < limit) != (actual < limit):
+        shown = distinct_text(actual, limit)
+    return f"{f'{shown} {unit}'.rstrip()}, and {side} {f'{limit:g} {unit}'.rstrip()}"

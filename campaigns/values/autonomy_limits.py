@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from wil_campaign.worlds.figures import distinct_text
+
 LONGEST_CALL_S = 30.0
 LONGEST_BUILD_S = 300.0
 """Wall time for a call, and for a constructor that loads a model. Shorter than the time after which
@@ -23,7 +25,8 @@ class AutonomyLimits:
         """Return the message that memory exceeds the limit, with the remedy; "" within it."""
         if used_mb <= self.memory_mb:
             return ""
+        used = distinct_text(used_mb, self.memory_mb, digits=0)
         return (
-            f"uses too much memory: {measure} {used_mb:.0f} MB, and autonomy.limits.memory_mb is "
+            f"uses too much memory: {measure} {used} MB, and autonomy.limits.memory_mb is "
             f"{self.memory_mb:g}; find what it keeps from call to call, or raise the limit"
         )

@@ -2,7 +2,7 @@
 
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import replace
 from pathlib import Path
@@ -30,7 +30,6 @@ from wil_campaign.orchestrator.run_results.caveats import (
 )
 from wil_campaign.orchestrator.run_results.exit_codes import standings_of
 from wil_campaign.orchestrator.run_results.run_result import Percentiles, RunResult
-from wil_campaign.safety.evaluation.judge import COLLISION_ALWAYS
 from wil_campaign.safety.model.verdict import source_of
 from wil_campaign.safety.oracles.registry import oracle_kinds
 
@@ -54,6 +53,7 @@ MORE_ABOVE = "more above"
 """How many parts of the conclusion the last line leaves to the lines before it."""
 _LOGS = ("-node.log", "-autonomy.log")
 """What a ROS 2 node and a program printed, among the files of a run."""
+_OF_OFFSET = frozenset({"reached", "reached_position"})
 _ALWAYS = "_always"
 """How the names of oracles end that judge whatever the campaign says."""
 _MOST_RETRIED = 3
@@ -142,8 +142,8 @@ def _cells(runs: Sequence[RunResult], standing: Standing | None) -> Sequence[Ren
     return (
         f"{passed}/{len(runs)}",
         _verdict(runs, standing),
-        _worst(runs, {"collision", COLLISION_ALWAYS.name}),
-        _worst(runs, {"reached", "reached_position"}, largest=True),
+        _metres(_known(run.clearance_m for run in runs), min),
+        _metres(_offsets_m(runs), max),
         _largest_ms([run.sync.takeoff_skew_s for run in runs]),
         *_mixing_cells(runs),
     )
@@ -167,23 +167,28 @@ def _verdict(runs: Sequence[RunResult], standing: Standing | None) -> Text:
     return Text(f"{word}{wanted}", style=VERDICT_STYLES.get(word, "yellow"))
 
 
-def _worst(runs: Sequence[RunResult], names: AbstractSet[str], *, largest: bool = False) -> str:
-    """Return the worst value of the judged vehicle in these oracles over a row's runs."""
-    values = [
+def _offsets_m(runs: Sequence[RunResult]) -> list[float]:
+    """Return the judged vehicle's offsets in gates, or from the goal, of a row's runs."""
+    return _known(
         oracle.actual
         for run in runs
         for oracle in run.oracles
-        if oracle.name in names and oracle.vehicle == run.subject and oracle.actual is not None
-    ]
-    if not values:
-        return "-"
-    return f"{max(values) if largest else min(values):.2f}"
+        if oracle.name in _OF_OFFSET and oracle.vehicle == run.subject
+    )
+
+
+def _known(values: Iterable[float | None]) -> list[float]:
+    return [value for value in values if value is not None]
+
+
+def _metres(values_m: list[float], worst: Callable[[list[float]], float]) -> str:
+    return f"{worst(values_m):.2f}" if values_m else "-"
 
 
 def _largest_ms(values: Sequence[float | None]) -> str:
     """Return the largest of a row's times in milliseconds."""
-    known = [abs(value) for value in values if value is not None]
-    return f"{max(known) * 1000:.0f}" if known else "-"
+    known = _known(values)
+    return f"{max(map(abs, known)) * 1000:.0f}" if known else "-"
 
 
 def _mixing_cells(runs: Sequence[RunResult]) -> tuple[str, str]:

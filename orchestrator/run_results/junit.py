@@ -77,7 +77,8 @@ def junit_xml(summary: Summary, requirements: Sequence[Requirement], *, arm: boo
     for name, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
         suite.set(name, str(sum(case.find(tag) is not None for case in cases)))
     suite.set("tests", str(len(cases)))
-    suite.set("time", _seconds(sum(run.duration_s or 0.0 for run in summary.runs)))
+    flown = (*summary.runs, *summary.controls)
+    suite.set("time", _seconds(sum(run.duration_s or 0.0 for run in flown)))
     ET.indent(root)
     return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True)) + b"\n"
 

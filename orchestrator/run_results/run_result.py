@@ -37,6 +37,7 @@ NOT_ARMED = "not armed, as --no-arm asks; everything up to that works"
 
 _MOST_ALSO = 50
 """How many events a result lists beside the one that made the verdict."""
+_OF_CLEARANCE = frozenset({"collision", "collision_always", "clearance"})
 _GRAVEST = ("ERROR", "ABORTED")
 """The verdicts of which none is lost among the events that are not listed."""
 
@@ -274,6 +275,16 @@ class RunResult:
     def subject(self) -> str:
         """Return the vehicle that the result's required oracles judge."""
         return "twin" if self.mode == "sim" else "real"
+
+    @property
+    def clearance_m(self) -> float | None:
+        """Return the judged vehicle's least clearance to objects; None where none was near."""
+        known = (
+            oracle.actual
+            for oracle in self.oracles
+            if oracle.name in _OF_CLEARANCE and oracle.vehicle == self.subject
+        )
+        return min((actual for actual in known if actual is not None), default=None)
 
     @property
     def went_wrong(self) -> bool:

@@ -73,7 +73,8 @@ def fit_optics(
     if FEWEST <= len(kept) < len(chosen):
         chosen = kept
         matrix, distortion, errors = _calibrate(chosen, size, coefficients)
-    rms_px = float(np.sqrt(np.mean(np.square(errors))))
+    counts = [len(sighting.pixels) for sighting in chosen]
+    rms_px = float(np.sqrt(np.average(np.square(errors), weights=counts)))
     if not rms_px < _POOR_PX:
         raise CalibrationError(
             f"the images do not fit together: {rms_px:.1f} px off; check that the board is flat, "

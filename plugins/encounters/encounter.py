@@ -56,33 +56,41 @@ class Encounter(Oracle):
         self._within_m = within_m
         self._for_s = for_s
         self._near_since_s: float | None = None
-        self._near_s = 0.0
+        self._near_now_s = self._near_before_s = 0.0
         self._nearest_m: float | None = None
 
     def on_pose(self, sample: PoseSample) -> Flags:
         """Take a pose: whether the object is near at it."""
         if not self.stages.covers(sample.t_s):
-            self._near_since_s = None
+            self._part()
             return NO_FLAGS
         at = (sample.pose, sample.t_s)
         swept = self._probe.sweep(*at, *at, self._events)
         distance_m = max(0.0, min(separation.clearance_m for separation in swept))
         if self._nearest_m is None or distance_m < self._nearest_m:
             self._nearest_m = distance_m
-        since_s, self._near_since_s = self._near_since_s, None
-        if distance_m <= self._within_m:
-            self._near_s += 0.0 if since_s is None else sample.t_s - since_s
+        if distance_m > self._within_m:
+            self._part()
+        elif self._near_since_s is None:
             self._near_since_s = sample.t_s
+        else:
+            self._near_now_s = sample.t_s - self._near_since_s
         return NO_FLAGS
+
+    def _part(self) -> None:
+        """End a time for which the two were near."""
+        self._near_before_s += self._near_now_s
+        self._near_since_s, self._near_now_s = None, 0.0
 
     def result(self, t_s: float) -> OracleResult:
         """Return for how long the two were near."""
         del t_s
         if self._nearest_m is None:
             return self.invalid("no pose seen")
-        margin_s = self._near_s - self._for_s
+        met_s = self._near_before_s + self._near_now_s
+        margin_s = met_s - self._for_s
         is_met = self._nearest_m <= self._within_m
-        near_s = distinct_text(self._near_s, self._for_s)
+        near_s = distinct_text(met_s, self._for_s)
         nearest_m = distinct_text(self._nearest_m, self._within_m)
         asked = f"{self._for_s:g} s within {self._within_m:g} m are asked for"
         detail = f"{self._thing} was near for {near_s} s; {asked}"
@@ -90,10 +98,11 @@ class Encounter(Oracle):
             detail = f"{self._thing} was never nearer than {nearest_m} m; {asked}"
         return self.verdict(
             passed=is_met and margin_s >= 0.0,
-            actual=self._near_s,
+            actual=met_s,
             limit=self._for_s,
             unit="s",
-            margin=margin_s,
+            # Where the two never met, no time is too little by nothing.
+            margin=margin_s if is_met or margin_s < 0.0 else None,
             detail=detail,
         )
 

@@ -37,7 +37,7 @@ class Course:
 
     start: that place in the log's own frame. yaw_rad: heading there; None where it is unknown.
     altitude_m: at which the takeoff ended. box: north, east and up of a fence around it.
-    duration_s: in the air. flights: how many the log has.
+    begin_s: when it left the ground. duration_s: in the air. flights: how many the log has.
     """
 
     start: TrackPoint
@@ -45,6 +45,7 @@ class Course:
     altitude_m: float
     waypoints: tuple[Waypoint, ...]
     box: tuple[tuple[float, float], ...]
+    begin_s: float
     duration_s: float
     flights: int
 
@@ -66,6 +67,7 @@ def course_of(flight: LoggedFlight) -> Course | None:
         altitude_m=round(altitude_m, 2),
         waypoints=tuple(_waypoints(_simplified(cruise))),
         box=_box(moved),
+        begin_s=points[0].t_s,
         duration_s=points[-1].t_s - points[0].t_s,
         flights=len(flown),
     )

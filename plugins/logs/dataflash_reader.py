@@ -53,6 +53,7 @@ class _Vehicle:
 
     def __init__(self) -> None:
         self._track = TrackBuilder()
+        self._estimator = ""
         self._texts: list[str] = []
         self._parameters: dict[str, float] = {}
         self._armed: list[tuple[float, bool]] = []
@@ -66,8 +67,9 @@ class _Vehicle:
         _TAKEN[message.get_type()](self, t_s, message)
 
     def local(self, t_s: float, message: Any) -> None:
-        """Take a position of the estimator's first core."""
-        if getattr(message, "C", 0) == 0:
+        """Take a position of the first core of an estimator, of EKF2 and EKF3 the first one."""
+        self._estimator = self._estimator or message.get_type()
+        if message.get_type() == self._estimator and getattr(message, "C", 0) == 0:
             self._track.local(t_s, message.PN, message.PE, message.PD)
             self._track.yaw(t_s, math.radians(message.Yaw))
 

@@ -73,7 +73,8 @@ def _no_pose(path: Path, summary: Any) -> str:
 
 
 def _receive_px4(track: TrackBuilder, t_s: float, ros: Any) -> None:
-    track.local(t_s, ros.x, ros.y, ros.z)
+    if ros.xy_valid and ros.z_valid:
+        track.local(t_s, ros.x, ros.y, ros.z)
     track.yaw(t_s, ros.heading)
     if ros.xy_global and ros.z_global:
         track.set_origin(ros.ref_lat, ros.ref_lon, ros.ref_alt)

@@ -46,11 +46,11 @@ def battery_of(flight: LoggedFlight, course: Course | None) -> Battery | None:
     if capacity:
         found["capacity_mah"] = round(capacity, 0)
     if course is not None:
-        end_s = course.start.t_s + course.duration_s
+        end_s = course.begin_s + course.duration_s
         amperes = [
             power_sample.current_a
             for power_sample in flight.power
-            if power_sample.current_a is not None and course.start.t_s <= power_sample.t_s <= end_s
+            if power_sample.current_a is not None and course.begin_s <= power_sample.t_s <= end_s
         ]
         if len(amperes) >= _LEAST_SAMPLES and median(amperes) > 0.5:
             found["hover_current_a"] = round(median(amperes), 2)

@@ -11,6 +11,7 @@ from wil_campaign.orchestrator.reading.results_folder import read_campaign
 from wil_campaign.orchestrator.run_results.campaign_results import Summary
 from wil_campaign.orchestrator.run_results.run_result import Percentiles, RunResult
 from wil_campaign.safety.model.oracle_results import OracleResult
+from wil_campaign.safety.oracles.contact import margin_beyond
 
 if TYPE_CHECKING:
     from wil_campaign import Study
@@ -139,15 +140,17 @@ def _oracle_rows(run: RunResult) -> Iterator[Row]:
 
 
 def _limits(oracle: OracleResult) -> tuple[float | None, float | None]:
-    """Return an oracle's lower and upper limit; a single one is put on its side by the margin."""
-    limit = oracle.limit
+    """Return an oracle's lower and upper limit; a single one is put on its side by the margin.
+
+    Of contact, and where nothing came near, it is the lower one: distances have no other side.
+    """
+    limit, actual, margin = oracle.limit, oracle.actual, oracle.margin
     if isinstance(limit, tuple):
         return limit
-    is_lower = (
-        limit is not None
-        and oracle.actual is not None
-        and oracle.margin is not None
-        and abs((oracle.actual - limit) - oracle.margin)
-        < abs((limit - oracle.actual) - oracle.margin)
-    )
+    if limit is None or actual is None or margin is None:
+        is_lower = margin_beyond(oracle) is not None
+    elif margin == 0.0:
+        is_lower = limit == 0.0 and oracle.unit == "m"
+    else:
+        is_lower = abs((actual - limit) - margin) < abs((limit - actual) - margin)
     return (limit, None) if is_lower else (None, limit)

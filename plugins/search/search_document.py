@@ -121,7 +121,7 @@ def _rate_text(case: FailingCase) -> str:
             f"confirmed and not refuted: it fails at a rate of {low:.2f} to {high:.2f}"
         )
     return (
-        f"{case.variant.name} failed once and not again in {flights}: "
+        f"{case.variant.name} failed, and not again in {flights}: "
         f"a rate of up to {high:.2f} is not excluded"
     )
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 from wil_campaign.plugins.stl.formula import Formula
 from wil_campaign.plugins.stl.robustness import (
+    ZERO,
     Evaluation,
     Occurrence,
     Recording,
@@ -97,15 +98,6 @@ class StlMonitor:
         )
         try:
             value, by, index = Evaluation(recording).at_begin(self._formula)
-            holds = value > 0.0
-            if value == 0.0:
-                # Minimum and maximum do not tell < from <=.
-                truth, true_by, true_index = Evaluation(recording, truth=True).at_begin(
-                    self._formula
-                )
-                holds = truth > 0.0
-                if by is None or by.strict is holds:
-                    by, index = true_by, true_index
         except UnevaluableError as error:
             return error.found
-        return Robustness(value, holds, by, index)
+        return Robustness(0.0 if abs(value) <= ZERO else value, value > 0.0, by, index)

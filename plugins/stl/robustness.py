@@ -38,6 +38,10 @@ from wil_campaign.plugins.stl.steps import (
     lower,
 )
 
+ZERO = float(np.finfo(np.float64).tiny)
+"""The robustness of a comparison at its very limit, negative where it is violated there: minimum
+and maximum then tell < from <=."""
+
 
 @dataclass(frozen=True, slots=True)
 class Occurrence:
@@ -45,12 +49,6 @@ class Occurrence:
 
     atom: Atom
     positive: bool
-
-    @property
-    def strict(self) -> bool:
-        """Return whether a margin of exactly 0 violates this occurrence of the atom."""
-        strict = isinstance(self.atom, Comparison) and self.atom.comparator in {">", "<"}
-        return strict is self.positive
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,13 +115,11 @@ class Recording:
 class Evaluation:
     """The evaluation of one formula's robustness over one recording.
 
-    truth: atoms have the value 1 or -1, so that the robustness tells whether the formula holds.
     Origins are occurrence * samples + sample.
     """
 
-    def __init__(self, recording: Recording, *, truth: bool = False) -> None:
+    def __init__(self, recording: Recording) -> None:
         self._recording = recording
-        self._truth = truth
         self._occurrences: list[Occurrence] = []
         self._known: dict[tuple[int, bool], Steps] = {}
 
@@ -266,16 +262,15 @@ class Evaluation:
             recording.require_finite(name, recording.signals[name], rows, "has no value")
         if isinstance(atom, Holds):
             true = recording.signals[atom.name.name] > 0.5
-            return np.where(true, 1.0, -1.0) if self._truth else np.where(true, np.inf, -np.inf)
+            return np.where(true, np.inf, -np.inf)
         difference = np.broadcast_to(
             difference_of(atom, recording.signals), recording.times_ns.shape
         )
         text = f"{written_term(atom.left)} - {written_term(atom.right)}"
         recording.require_finite(text, difference, rows, "is not finite")
-        if self._truth:
-            strict = atom.comparator in {">", "<"}
-            return np.where(difference > 0.0 if strict else difference >= 0.0, 1.0, -1.0)
-        return difference / scale_of(atom) if recording.mixed else difference
+        holds = difference > 0.0 if atom.comparator in {">", "<"} else difference >= 0.0
+        found = difference / scale_of(atom) if recording.mixed else difference
+        return np.where(found == 0.0, np.where(holds, ZERO, -ZERO), found)
 
 
 def _extreme(

@@ -8,7 +8,7 @@ A condition that may hold at some time has no limit.
 """
 
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
@@ -273,8 +273,8 @@ class Stl(Oracle):
             return NO_FLAGS
         self._next_check_s = t_s + _CHECK_EVERY_S
         times_s, values = self._trace.times_s, self._trace.values()
-        best = self._monitor.at_best(times_s, values, t_s)
-        if isinstance(best, Unevaluable) or best.value >= 0.0:
+        best = self._at_best(times_s, values)
+        if isinstance(best, Unevaluable) or best.holds:
             return NO_FLAGS
         self._flagged = True
         text = f"{self.vehicle}: {self.name} cannot be satisfied any more"
@@ -319,12 +319,8 @@ class Stl(Oracle):
         if not times_s:
             return self.invalid("its window has not begun")
         values = self._trace.values()
-        # A sample of a time before now may come yet: nothing is known after the last one.
-        found = (
-            self._monitor.at_best(times_s, values, times_s[-1] + 1e-9)
-            if self.stages.end_s is None
-            else self.evaluated(t_s)
-        )
+        is_over = self.stages.end_s is not None
+        found = self.evaluated(t_s) if is_over else self._at_best(times_s, values)
         if isinstance(found, Unevaluable):
             return self.invalid(str(found), at_s=found.at_s)
         if found.decided_by is None:
@@ -339,6 +335,15 @@ class Stl(Oracle):
             at_s=times_s[found.index],
             detail="" if found.holds else part.violation,
         )
+
+    def _at_best(
+        self, times_s: Sequence[float], values: Mapping[str, Values]
+    ) -> Robustness | Unevaluable:
+        """Return the best that the formula can still reach.
+
+        A sample of a time before now may come yet: nothing is known after the last one.
+        """
+        return self._monitor.at_best(times_s, values, times_s[-1] + 1e-9)
 
     def evaluated(self, t_s: float) -> Robustness | Unevaluable:
         """Return the STL robustness as of t_s, or why it cannot be evaluated."""

@@ -63,10 +63,7 @@ _OF_POSE: dict[str, tuple[SignalKind, OfPose]] = {
     "tilt_deg": (SignalKind("deg", "angle to the vertical"), signals.tilt_deg),
 }
 _OF_STATE: dict[str, tuple[SignalKind, OfState]] = {
-    "battery_percent": (
-        SignalKind("%", "remaining charge"),
-        lambda s: None if s.battery_fraction is None else s.battery_fraction * 100.0,
-    ),
+    "battery_percent": (SignalKind("%", "remaining charge"), signals.battery_percent),
     "battery_v": (SignalKind("V", "battery voltage"), lambda s: s.battery_v),
     "armed": (SignalKind("", "its motors are armed"), lambda s: _truth(s.armed)),
     "on_ground": (

@@ -1,5 +1,6 @@
 """Convert images from one camera model to another: size, crop, intrinsics, distortion. Pure."""
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal, TypeVar
@@ -337,8 +338,14 @@ def disagreement_px(a: Intrinsics, b: Intrinsics) -> float:
     """
     if a == b:
         return 0.0
-    if a.distortion != b.distortion:
+    if _coefficients(a) != _coefficients(b):
         return float("inf")
     across = [abs((u - a.cx_px) / a.fx_px * b.fx_px + b.cx_px - u) for u in (0.0, a.width_px - 1.0)]
     down = [abs((v - a.cy_px) / a.fy_px * b.fy_px + b.cy_px - v) for v in (0.0, a.height_px - 1.0)]
-    return max(*across, *down)
+    return math.hypot(max(across), max(down))
+
+
+def _coefficients(camera: Intrinsics) -> tuple[float, ...]:
+    """Return the distortion of a camera up to its last coefficient that is not 0."""
+    last = max((index for index, value in enumerate(camera.distortion, 1) if value), default=0)
+    return camera.distortion[:last]

@@ -7,6 +7,7 @@ from wil_campaign.safety.evidence.terms import SignalTerms
 from wil_campaign.safety.model.oracle_results import EvidenceResult
 from wil_campaign.safety.model.samples import StageSample
 from wil_campaign.safety.oracles.oracle_terms import Stages
+from wil_campaign.worlds.figures import distinct_text
 
 _PATIENCE_S = 0.5
 """How late samples may be before their absence counts: a delayed sample has its own time, and
@@ -146,7 +147,7 @@ class Coverage:
         if gap_s > self._gap[0]:
             self._gap = (gap_s, since_s)
         if gap_s > limit_s:
-            gap = f"no sample for {gap_s:.2f} s against {limit_s:g} s"
+            gap = f"no sample for {distinct_text(gap_s, limit_s)} s against {limit_s:g} s"
             if self._is_link_silent(since_s, until_s):
                 self._of_link = self._of_link or gap
             else:

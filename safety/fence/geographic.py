@@ -103,7 +103,10 @@ def _flatten(corners_deg: Iterable[Point2]) -> tuple[Point2, ...]:
     per_degree_m = math.radians(1.0) * SEMI_MAJOR_M
     narrowed_m = per_degree_m * max(0.01, math.cos(math.radians(latitude_deg)))
     return tuple(
-        ((lat - latitude_deg) * per_degree_m, (lon - longitude_deg) * narrowed_m)
+        (
+            (lat - latitude_deg) * per_degree_m,
+            math.remainder(lon - longitude_deg, 360.0) * narrowed_m,
+        )
         for lat, lon in places
     )
 

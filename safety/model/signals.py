@@ -1,9 +1,9 @@
-"""Values of a pose that oracles judge: pure functions, each named with its unit."""
+"""Values of a pose or state that oracles judge: pure functions, each named with its unit."""
 
 import math
 import re
 
-from wil_campaign.safety.model.samples import PoseSample
+from wil_campaign.safety.model.samples import PoseSample, StateSample
 from wil_campaign.worlds.frames import euler_from_quat
 
 
@@ -61,6 +61,15 @@ def tilt_deg(sample: PoseSample) -> float:
     """Return the signal "tilt" of a pose: angle from the vertical, 0 to 180."""
     _, x, y, _ = sample.pose.q_wxyz
     return math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y)))))
+
+
+def battery_percent(sample: StateSample) -> float | None:
+    """Return the remaining charge of a state; None while unknown.
+
+    Rounded, as vehicles report whole percents: 0.29 times 100 is less than 29.
+    """
+    fraction = sample.battery_fraction
+    return None if fraction is None else round(fraction * 100.0, 6)
 
 
 def distance_name(thing: str) -> str:

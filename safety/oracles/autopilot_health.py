@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 from wil_campaign.foundation.files.documents import KeyFaultError
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.model.samples import StageSample, StateSample
+from wil_campaign.safety.model.signals import battery_percent
 from wil_campaign.safety.oracles.limit_oracle import LimitOracle, beside_limit
 from wil_campaign.safety.oracles.oracle import (
     NO_FLAGS,
@@ -154,10 +155,7 @@ class Battery(LimitOracle):
 
     def on_state(self, sample: StateSample) -> Flags:
         """Take a state; a battery below its limit is a flag."""
-        value = sample.battery_v
-        if self._in_percent:
-            fraction = sample.battery_fraction
-            value = None if fraction is None else fraction * 100.0
+        value = battery_percent(sample) if self._in_percent else sample.battery_v
         if not self.stages.open:
             return NO_FLAGS
         if value is None:
@@ -222,12 +220,16 @@ class Modes(Oracle):
         return self.flag(sample.t_s, text)
 
     def result(self, t_s: float) -> OracleResult:
-        """Return the number of mode changes, and the first that was not allowed."""
+        """Return the number of mode changes, and the first mode or change that was not allowed.
+
+        A mode that is not allowed has no margin, however few the changes.
+        """
         del t_s
-        limit = self._max_changes
         if self._last is None:
             return self.invalid("no state seen")
         at_s, text = self._first_bad or (None, "")
+        most = self._max_changes
+        limit = most if self._first_bad is None or self._changes > (most or 0) else None
         return self.verdict(
             passed=self._first_bad is None,
             actual=float(self._changes),

@@ -65,6 +65,16 @@ SOUND: dict[str, dict[str, float]] = {
             "refused",
             "its error is 0.3 s, and at most 0.25 s is allowed",
         ),
+        (
+            at_least("disk", "", 1996.4, 2000.0, unit="MB", what="free space"),
+            "refused",
+            "free space is 1996 MB, and at least 2000 MB is required",
+        ),
+        (
+            at_most("return_altitude", "real", 15.004, 15.0, unit="m", what="it"),
+            "refused",
+            "it is 15.004 m, and at most 15 m is allowed",
+        ),
         (without_faults("estimator", "twin", ()), "ok", ""),
         (
             without_faults("estimator", "twin", ("no gps", "no height")),

@@ -258,7 +258,9 @@ class Estimates:
         if message.lat or message.lon:
             self.amsl_m = message.alt * 1e-3
             if self.local is not None:
-                here = LocalFrame(message.lat * 1e-7, message.lon * 1e-7, self.amsl_m)
+                # PX4's goes on beyond 180 degrees where the vehicle crosses the date line.
+                longitude_deg = math.remainder(message.lon * 1e-7, 360.0)
+                here = LocalFrame(message.lat * 1e-7, longitude_deg, self.amsl_m)
                 self._here = (here, self.local.pose.position_ned_m)
 
     def _home(self, message: Any, _t_s: float) -> None:

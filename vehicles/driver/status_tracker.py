@@ -175,7 +175,7 @@ class StatusTracker:
         # Of 0 mV, 0 % is nothing measured either.
         without_charge = percent < 0 or (percent == 0 and voltage_mv == 0)
         battery = Battery(
-            voltage_v=None if voltage_mv in _UNMEASURED_MV else voltage_mv * 1e-3,
+            voltage_v=None if voltage_mv in _UNMEASURED_MV else voltage_mv / 1000.0,
             remaining=None if without_charge else percent / 100.0,
         )
         if battery.voltage_v is not None or battery.remaining is not None:

@@ -1,5 +1,6 @@
 """Statistics of a motion capture feed: rate, latency, dropouts; pure, and bounded in memory."""
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -13,8 +14,8 @@ DROPOUT_PERIODS = 3.0
 class FeedStatistics:
     """The statistics of a motion capture feed: rate, latency, gaps, counts.
 
-    samples: poses handed on. rate_hz, latency_ms_p50, latency_ms_p99 (sampling to arrival): over
-    the last samples; None before there are two. missing: frames whose numbers never arrived.
+    samples: poses handed on. rate_hz (None before there are two), latency_ms_p50, latency_ms_p99
+    (sampling to arrival): over the last samples. missing: frames whose numbers never arrived.
     invalid: the body was not seen. out_of_order: arrived after a newer one, not handed on.
     dropouts: gaps of more than three periods. longest_gap_s: between two poses. restarts: how often
     the sender's clock or its numbers began anew.
@@ -81,7 +82,7 @@ class FeedMeter:
 
 
 def _quantile_ms(ordered: list[float], fraction: float) -> float | None:
-    """Return a quantile of the feed's times in milliseconds; None without any."""
+    """Return a quantile of the feed's times in milliseconds, by nearest rank; None without any."""
     if not ordered:
         return None
-    return 1000.0 * ordered[min(len(ordered) - 1, int(fraction * len(ordered)))]
+    return 1000.0 * ordered[math.ceil(fraction * len(ordered)) - 1]

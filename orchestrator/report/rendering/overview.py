@@ -20,8 +20,6 @@ from wil_campaign.orchestrator.run_results.exit_codes import standings_of
 from wil_campaign.orchestrator.run_results.run_result import RunResult, tightest_oracle
 from wil_campaign.safety.model.oracle_results import EvidenceResult
 
-_CONTACT = frozenset({"collision", "collision_always", "clearance"})
-
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
@@ -160,12 +158,7 @@ def _case_row(
         required = f"must be {control.verdict}" if control is not None else ""
         verdict = runs[0].verdict
         badge = "met" if not any(run.went_wrong for run in runs) else verdict
-    clearances = [
-        oracle.actual
-        for run in runs
-        for oracle in run.oracles
-        if oracle.name in _CONTACT and oracle.vehicle == run.subject and oracle.actual is not None
-    ]
+    clearances = [run.clearance_m for run in runs if run.clearance_m is not None]
     skews = [abs(run.sync.takeoff_skew_s) for run in runs if run.sync.takeoff_skew_s is not None]
     errors = [
         run.mixing.registration_error_px.p50

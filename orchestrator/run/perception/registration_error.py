@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from wil_campaign.campaigns.setup.case_setup import VehicleSetup
 from wil_campaign.campaigns.values.external_setups import PoseAccuracy, ShownAs
@@ -63,19 +63,23 @@ class Registrar:
             if drawn_from is None or reference is None or shown_as == "file":
                 return RegistrationError()
             corners, here = self._corners(exposed_s), camera.mount.camera_pose(reference)
-            error_px = registration_error_px(
+            seen = seen_points(
                 zip(self._corners(twin.t_s), corners, strict=True),
                 intrinsics=camera.intrinsics,
                 drawn_from=drawn_from,
                 reference=here,
             )
+            error_px = registration_error_px(seen)
             if truth is not None or error_px is None:
                 return RegistrationError(error_px)
             accuracy = self._accuracy(exposed_s)
             if isinstance(accuracy, str):
                 return RegistrationError(unbounded=accuracy)
             doubt_px = uncertainty_px(
-                corners, intrinsics=camera.intrinsics, camera=here, accuracy=accuracy
+                [point for point, _ in seen],
+                intrinsics=camera.intrinsics,
+                camera=here,
+                accuracy=accuracy,
             )
             return RegistrationError(bound_px=error_px + doubt_px)
 
@@ -136,30 +140,33 @@ def _image_source_name(camera: Pictured) -> ShownAs:
     return "rendered" if source is None else source.shown_as
 
 
-def registration_error_px(
+def seen_points(
     points_ned_m: Iterable[tuple[Vec3, Vec3]],
     *,
     intrinsics: Intrinsics,
     drawn_from: Pose,
     reference: Pose,
-) -> float | None:
-    """Return the RMS pixel distance of points as rendered from where they should be.
+) -> list[tuple[Vec3, float]]:
+    """Return the points that count, each with its pixel distance from where it should be.
 
     points_ned_m: points of virtual objects, world frame, each where it was drawn and where it
-    was at the exposure of the real image. drawn_from, reference: camera poses (FRD axes). Only
-    points in front of both cameras and within either image count; None when there is none.
+    was at the exposure of the real image, which is returned. drawn_from, reference: camera poses
+    (FRD axes). Points in front of both cameras and within either image count.
     """
-    squares: list[float] = []
+    seen: list[tuple[Vec3, float]] = []
     for shown, point in points_ned_m:
         drawn = intrinsics.project(drawn_from.to_local(shown))
         right = intrinsics.project(reference.to_local(point))
         if drawn is None or right is None:
             continue
         if _inside(drawn, intrinsics) or _inside(right, intrinsics):
-            squares.append((drawn[0] - right[0]) ** 2 + (drawn[1] - right[1]) ** 2)
-    if not squares:
-        return None
-    return math.sqrt(math.fsum(squares) / len(squares))
+            seen.append((point, math.dist(drawn, right)))
+    return seen
+
+
+def registration_error_px(seen: Sequence[tuple[Vec3, float]]) -> float | None:
+    """Return the RMS pixel distance of seen points; None when there is none."""
+    return _rms([apart_px for _, apart_px in seen]) if seen else None
 
 
 def uncertainty_px(
@@ -167,21 +174,23 @@ def uncertainty_px(
 ) -> float:
     """Return the registration bound of points: three standard deviations of the pose.
 
-    RMS over the points in its image, in pixels; 0 for none. To first order a camera that is
-    moved by s across the ray to a point at distance d, depth z, sees it turned by s / d; an angle
-    a moves it by up to f (d / z)^2 a pixels.
+    RMS over the points, which are in front of the camera, in pixels; 0 for none. To first order a
+    camera that is moved by s across the ray to a point at distance d, depth z, sees it turned by
+    s / d; an angle a moves it by up to f (d / z)^2 a pixels.
     """
     focal_px = max(intrinsics.fx_px, intrinsics.fy_px)
-    squares: list[float] = []
+    doubts_px: list[float] = []
     for point in points_ned_m:
         local = camera.to_local(point)
-        pixel = intrinsics.project(local)
-        if pixel is None or not _inside(pixel, intrinsics):
-            continue
         away_m = norm(local)
         angle_rad = math.hypot(accuracy.position_m / away_m, accuracy.attitude_rad)
-        squares.append((_SIGMAS * focal_px * (away_m / local[0]) ** 2 * angle_rad) ** 2)
-    return math.sqrt(math.fsum(squares) / len(squares)) if squares else 0.0
+        doubts_px.append(_SIGMAS * focal_px * (away_m / local[0]) ** 2 * angle_rad)
+    return _rms(doubts_px)
+
+
+def _rms(values: Sequence[float]) -> float:
+    """Return the root mean square of values; 0 for none."""
+    return math.sqrt(math.fsum(value * value for value in values) / max(1, len(values)))
 
 
 _SIGMAS = 3.0

@@ -28,8 +28,8 @@ class SpaceCoverage:
 
     cells, flown: number of admissible pairs of cells of two parameters (of cells, if there is only
     one), and how many of these were flown. farthest: the admissible point that is farthest from all
-    flown ones; distance: to the nearest of these, as a share of the ranges (root mean square over
-    the parameters).
+    flown ones, None where all were flown; distance: to the nearest of these, as a share of the
+    ranges (root mean square over the parameters).
     """
 
     cells: int
@@ -58,11 +58,13 @@ def coverage_of(space: Space, tried: Iterable[Values]) -> SpaceCoverage:
 
 
 def admissible_shares(space: Space) -> list[tuple[float, ...]]:
-    """Return evenly spread points of the unit cube whose values keep the constraints."""
+    """Return the places in the unit cube of evenly spread values that keep the constraints."""
     from scipy.stats import qmc
 
     sequence = qmc.Sobol(len(space.parameters), scramble=False)
-    return [tuple(row) for row in sequence.random(_SAMPLES).tolist() if space.admits(space.at(row))]
+    points = map(space.at, sequence.random(_SAMPLES).tolist())
+    places = (space.shares(point) for point in points if space.admits(point))
+    return [place for place in places if place is not None]
 
 
 def cell_of(parameter: Parameter, share: float) -> int:
@@ -112,4 +114,6 @@ def _farthest(
     for point in flown:
         nearest = np.minimum(nearest, np.sum((every - point) ** 2, axis=1))
     index = int(np.argmax(nearest))
+    if nearest[index] == 0.0:
+        return None, 0.0
     return samples[index], math.sqrt(float(nearest[index]) / every.shape[1])

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from statistics import median
+from statistics import fmean
 from typing import Literal
 
 from wil_campaign.orchestrator.run_results.exit_codes import are_equal
@@ -34,11 +34,12 @@ class Limits:
 class Change:
     """One figure of a case and mode, before and after. what: "pass rate", or "margin of ORACLE".
 
-    before, after: pass rates, or median margins in `unit`; is_beyond: whether the median of each
-    side is known to be larger alone, as nothing came near. flights: their numbers, with a repeated
-    flight once. loss: positive is worse. p: one-sided, corrected for the number of tests; 0 where
-    equal runs of both sides differ, which chance cannot explain; None where untestable; `why` has
-    the reason.
+    before, after: pass rates, or mean margins in `unit`; is_beyond: whether the mean of each side
+    is known to be larger alone, as nothing came near in some flight. flights: their numbers, with a
+    repeated flight once. loss: positive is worse. p: one-sided, corrected for the number of tests;
+    0 where equal runs of both sides differ, which chance cannot explain; None where untestable;
+    `why` has the reason. equal: whether the runs of each side are equal, so that its rate has no
+    interval.
     """
 
     case: str
@@ -53,6 +54,7 @@ class Change:
     outcome: Outcome
     why: str = ""
     is_beyond: tuple[bool, bool] = (False, False)
+    equal: tuple[bool, bool] = (False, False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +177,8 @@ def _cell_changes(
     if not why and p is None:
         p = fisher_exact(counts[1], counts[0], "less")
     what = "pass rate"
-    found = [Change(*cell, what, "", was, now, flights, was - now, p, "not worse", why)]
+    change = Change(*cell, what, "", was, now, flights, was - now, p, "not worse", why)
+    found = [replace(change, equal=(are_equal(old), are_equal(new)))]
     if limits.margin is None:
         return found
     margins = [_margins(runs) for runs in once]
@@ -186,6 +189,7 @@ def _cell_changes(
         if was_kept.is_all_beyond and is_kept.is_all_beyond:
             continue
         values, other = was_kept.values, is_kept.values
+        was, now = fmean(values), fmean(other)
         p, why = _testable(old, new, set(values) != set(other))
         if not why and p is None:
             p = permutation_p(other, values)
@@ -194,14 +198,14 @@ def _cell_changes(
                 *cell,
                 what=f"margin of {name}",
                 unit=was_kept.unit,
-                before=median(values),
-                after=median(other),
+                before=was,
+                after=now,
                 flights=(len(values), len(other)),
-                loss=sum(values) / len(values) - sum(other) / len(other),
+                loss=was - now,
                 p=p,
                 outcome="not worse",
                 why=why,
-                is_beyond=(was_kept.is_median_beyond, is_kept.is_median_beyond),
+                is_beyond=(bool(was_kept.beyond), bool(is_kept.beyond)),
             )
         )
     return found
@@ -236,11 +240,6 @@ class _Margins:
     def is_all_beyond(self) -> bool:
         """Return whether nothing came near in any flight."""
         return not self.known
-
-    @property
-    def is_median_beyond(self) -> bool:
-        """Return whether the median margin is known to exceed a value alone."""
-        return 2 * len(self.beyond) >= len(self.values)
 
 
 def _margins(runs: Sequence[RunResult]) -> dict[str, _Margins]:

@@ -61,8 +61,10 @@ def _row(change: Change) -> _Row:
     badge = _BADGES[change.outcome]
     if change.what == RATE:
         rates = [
-            Rate(passed, flown, clopper_pearson(passed, flown))
-            for share, flown in zip((change.before, change.after), change.flights, strict=True)
+            Rate(passed, flown, None if equal else clopper_pearson(passed, flown))
+            for share, flown, equal in zip(
+                (change.before, change.after), change.flights, change.equal, strict=True
+            )
             for passed in (round(share * flown),)
         ]
         before, after = (rate_text(rate) for rate in rates)

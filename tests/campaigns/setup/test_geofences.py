@@ -559,3 +559,14 @@ def test_a_change_that_is_no_fence_is_refused(text: str, said: str) -> None:
     with pytest.raises(BadInput) as caught:
         changed(text)
     assert said in str(caught.value)
+
+
+def test_an_area_across_the_date_line_is_the_same_as_elsewhere() -> None:
+    frame = LocalFrame(-17.0, 180.0, 0.0)
+    corners_m = ((0, 10), (20, -10), (30, 40), (20, 20), (-40, 10))
+    places = [frame.to_geodetic((north_m, east_m, 0.0)) for north_m, east_m in corners_m]
+    assert {place.longitude_deg > 0.0 for place in places} == {True, False}
+    corners_deg = tuple((place.latitude_deg, place.longitude_deg) for place in places)
+    local = GeoPolygon(corners_deg).local(frame)
+    for corner_m, here_m in zip(corners_m, local.corners_m, strict=True):
+        assert here_m == pytest.approx(corner_m, abs=0.001)

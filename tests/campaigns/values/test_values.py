@@ -43,6 +43,7 @@ def test_memory_above_its_limit_is_reported_and_memory_at_it_is_not() -> None:
     text = limits.excess("it grew by", 101.0)
     assert "it grew by 101 MB" in text
     assert "autonomy.limits.memory_mb is 100" in text
+    assert "it grew by 100.4 MB" in limits.excess("it grew by", 100.4)
 
 
 def test_a_fault_is_written_with_its_signal_time_and_duration() -> None:

@@ -68,6 +68,13 @@ def test_omitted_runs_are_a_property() -> None:
     assert not list(suite().iter("property"))
 
 
+def test_the_time_of_the_suite_is_that_of_its_test_cases() -> None:
+    found = suite(*BOTH, replace(run("FAIL", 1), control=CONTROL))
+    times_s = [float(case.attrib["time"]) for case in found.iter("testcase")]
+    assert len(times_s) == 3
+    assert sum(times_s) == pytest.approx(float(found.attrib["time"]), abs=0.01)
+
+
 def outcome(case: ET.Element) -> str:
     tags = [child.tag for child in case if child.tag != "system-out"]
     return tags[0] if tags else "passed"

@@ -15,6 +15,7 @@ from wil_campaign.orchestrator.run_results.attempts import attempt_of
 from wil_campaign.orchestrator.run_results.campaign_results import summarize
 from wil_campaign.orchestrator.run_results.exit_codes import exit_code, standings_of
 from wil_campaign.orchestrator.run_results.run_result import RunResult
+from wil_campaign.safety.model.oracle_results import OracleResult
 
 WORDS = {"P": "PASS", "F": "FAIL", "E": "ERROR", "I": "INVALID", "A": "ABORTED"}
 TEST = SequentialTest(at_least=0.9, against=0.2, most=3)
@@ -30,7 +31,7 @@ def runs_of(letters: str) -> list[RunResult]:
     ]
 
 
-def cell(runs: list[RunResult], wanted: Requirement) -> tuple[str, str]:
+def cell(runs: list[RunResult], wanted: Requirement, header: str = "verdict") -> tuple[str, str]:
     """Return text and style of the row in the table on the terminal."""
     summary = summarize(
         runs,
@@ -41,12 +42,18 @@ def cell(runs: list[RunResult], wanted: Requirement) -> tuple[str, str]:
         real_kind="embedded",
         sensors={},
     )
-    column = next(
-        one for one in verdict_table(summary, [wanted]).columns if one.header == "verdict"
-    )
+    column = next(one for one in verdict_table(summary, [wanted]).columns if one.header == header)
     (found,) = column.cells
-    assert isinstance(found, Text)
-    return found.plain, str(found.style)
+    shown = found if isinstance(found, Text) else Text(str(found))
+    return shown.plain, str(shown.style)
+
+
+def test_the_clearance_is_that_of_the_report_where_only_clearance_looked_so_far() -> None:
+    far = OracleResult("clearance", "twin", True, "PASS", 2.6, 2.5, "m", 0.1, 3.0)
+    none = OracleResult("collision_always", "twin", True, "PASS", None, 0.0, "m", None, None)
+    runs = [replace(run, oracles=(none, far)) for run in runs_of("PPP")]
+    assert cell(runs, ALL, "clearance\nm")[0] == "2.60"
+    assert runs[0].clearance_m == 2.6
 
 
 @pytest.mark.parametrize(

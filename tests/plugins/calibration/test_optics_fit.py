@@ -42,6 +42,19 @@ def test_more_coefficients_are_had_when_asked_for(of_charuco: list[Sighting]) ->
     assert len(fit_optics(of_charuco, SIZE, coefficients=8).intrinsics.distortion) == 8
 
 
+def test_the_error_is_that_of_all_corners_however_many_an_image_has(
+    of_charuco: list[Sighting],
+) -> None:
+    few = [replace(one, board_m=one.board_m[::3], pixels=one.pixels[::3]) for one in of_charuco[:4]]
+    given = [*few, *of_charuco[4:]]
+    fit = fit_optics(given, SIZE)
+    boards = [one.board_m.astype(np.float32) for one in given]
+    pixels = [one.pixels.astype(np.float32).reshape(-1, 1, 2) for one in given]
+    rms_px = cv2.calibrateCamera(boards, pixels, SIZE, None, None, flags=cv2.CALIB_FIX_K3)[0]
+    assert fit.images == len(given)
+    assert fit.rms_px == pytest.approx(rms_px, rel=1e-6)
+
+
 def test_too_few_images_are_refused(of_charuco: list[Sighting]) -> None:
     with pytest.raises(CalibrationError, match="found in 5 images; 8 that differ are needed"):
         fit_optics(of_charuco[:5], SIZE)

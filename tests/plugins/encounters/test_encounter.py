@@ -35,9 +35,14 @@ def test_time_counts_where_the_two_were_near_at_both_ends() -> None:
     assert short.detail == "person was near for 2.00 s; 2.5 s within 2 m are asked for"
 
 
+def test_a_time_is_not_shorter_by_the_rounding_of_its_parts() -> None:
+    result = met({tenth / 10: 1.0 for tenth in range(11, 56)}, for_s=4.4)
+    assert (result.verdict, result.actual) == ("PASS", 5.5 - 1.1)
+
+
 def test_an_object_that_never_came_near_was_not_met() -> None:
     result = met({2.0: 2.0004, 3.0: 9.0})
-    assert result.verdict == "FAIL"
+    assert (result.verdict, result.margin) == ("FAIL", None)
     assert result.detail.startswith("person was never nearer than 2.0004 m; 0 s within 2 m")
     assert met({2.0: 2.0, 3.0: 9.0}).verdict == "PASS"
 

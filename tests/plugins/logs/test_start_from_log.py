@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -14,8 +15,15 @@ from wil_campaign.campaigns.setup.vehicle_setups import EMBEDDED_BODY
 from wil_campaign.orchestrator.cli import main
 from wil_campaign.plugins.ardupilot.copter.data_flash import DataFlash
 from wil_campaign.plugins.logs.course import course_of
+from wil_campaign.plugins.logs.dataflash_reader import _Vehicle
 from wil_campaign.plugins.logs.log_reader import read_log
-from wil_campaign.plugins.logs.logged_flight import LogError, LoggedFlight, TrackPoint
+from wil_campaign.plugins.logs.logged_flight import (
+    LogError,
+    LoggedFlight,
+    PowerSample,
+    TrackPoint,
+)
+from wil_campaign.plugins.logs.start import battery_of
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parameters
 from wil_campaign.vehicles.embedded.autopilot.services.log_formats import ULog
 from wil_campaign.vehicles.embedded.physics.states import Motion
@@ -225,6 +233,41 @@ def test_the_longest_of_several_flights_is_flown() -> None:
     assert course is not None
     assert (course.flights, course.duration_s) == (2, 19.0)
     assert course_of(LoggedFlight(kind="", track=track[:2])) is None
+
+
+def test_the_hover_current_is_that_of_the_flight_however_long_it_stood_armed() -> None:
+    ups = [0.0] * 60 + [2.0] * 30 + [0.0]
+    track = [TrackPoint(float(k), 0.0, 0.0, up, 0.0) for k, up in enumerate(ups)]
+    power = [PowerSample(float(k), 15.0, 12.0 if up else 1.0) for k, up in enumerate(ups)]
+    flight = LoggedFlight(kind="", track=track, armed=[(0.0, True), (90.0, False)], power=power)
+    battery = battery_of(flight, course_of(flight))
+    assert battery is not None
+    assert battery.values["hover_current_a"] == 12.0
+
+
+def test_positions_that_a_px4_calls_invalid_are_left_out_of_a_bag_too(tmp_path: Path) -> None:
+    fields = "bool xy_valid\nbool z_valid\nbool xy_global\nbool z_global\nfloat64 ref_lat\n"
+    fields += "float64 ref_lon\nfloat32 ref_alt\nfloat32 x\nfloat32 y\nfloat32 z\nfloat32 heading\n"
+    with (tmp_path / "px4.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        schema = writer.register_msgdef("px4_msgs/msg/VehicleLocalPosition", fields)
+        for k, known in enumerate((False, True, True)):
+            message = dict.fromkeys(("xy_valid", "z_valid"), known) | {"x": 1.0 if known else 900.0}
+            writer.write_message("/fmu/out/vehicle_local_position", schema, message, k, k)
+        writer.finish()
+    assert [point.north_m for point in read_log(tmp_path / "px4.mcap").track] == [1.0, 1.0]
+
+
+def test_of_two_estimators_in_a_dataflash_log_one_is_the_track(tmp_path: Path) -> None:
+    track = read_log(of_kind("bin", tmp_path)).track
+    vehicle = _Vehicle()
+    for point in track:
+        for kind, aside_m in (("XKF1", 0.0), ("NKF1", 100.0)):
+            names = {"PN": point.north_m + aside_m, "PE": point.east_m, "PD": -point.up_m}
+            message = SimpleNamespace(**names, Yaw=0.0, C=0, get_type=lambda kind=kind: kind)
+            vehicle.local(point.t_s, message)
+    found = vehicle.flight(is_damaged=False).track
+    assert [point[:4] for point in found] == [point[:4] for point in track]
 
 
 def test_a_log_that_is_not_there_is_refused(tmp_path: Path, capsys: Capture) -> None:

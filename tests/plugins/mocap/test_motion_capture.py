@@ -205,6 +205,15 @@ def test_statistics_need_no_more_memory_with_time() -> None:
     assert meter.statistics().rate_hz == pytest.approx(100.0)
 
 
+@pytest.mark.parametrize(("count", "p50", "p99"), [(1, 1, 1), (2, 1, 2), (100, 50, 99)])
+def test_the_latency_is_by_nearest_rank_as_that_of_mixtures(count: int, p50: int, p99: int) -> None:
+    meter = FeedMeter()
+    for k in range(1, count + 1):
+        meter.add(t_s=float(k), arrived_s=k + k / 1024)
+    found = meter.statistics()
+    assert (found.latency_ms_p50, found.latency_ms_p99) == (p50 * 1000 / 1024, p99 * 1000 / 1024)
+
+
 async def gathered(readings: list[PoseReading], count: int) -> None:
     for _ in range(300):
         if len(readings) >= count:

@@ -252,7 +252,7 @@ def test_a_failure_that_is_neither_confirmed_nor_refuted_is_3(tmp_path: Path) ->
     ("fails", "code", "said"),
     [
         (2, 3, "failed again in 2 of 5 flights, too seldom to be confirmed and not refuted: it"),
-        (0, 0, "failed once and not again in 5 flights: a rate of up to 0.52 is not excluded"),
+        (0, 0, "failed, and not again in 5 flights: a rate of up to 0.52 is not excluded"),
     ],
 )
 def test_a_rate_is_printed_and_a_failure_that_comes_back_ends_with_3(

@@ -138,6 +138,16 @@ def test_a_strict_comparison_fails_exactly_at_the_limit(text: str, verdict: str)
     assert other.result(9.0).verdict == verdict
 
 
+def test_the_margin_of_a_formula_that_fails_at_the_very_limit_is_zero() -> None:
+    # By the minimum alone `up_m >= 1` decides, which holds; `up_m > 2` fails by more.
+    judge = stl("always (up_m >= 1 and (up_m > 2 or up_m < 1))")
+    stage(judge, goal=3.0)
+    heights(judge, 1.0)
+    result = judge.result(9.0)
+    assert (result.verdict, result.margin, result.limit) == ("FAIL", 0.0, 1.0)
+    assert result.detail == "up_m < 1 is violated: 1.000 m against 1 m"
+
+
 def test_contact_is_no_clearance() -> None:
     judge = stl("always (clearance_m > 0)")
     stage(judge, takeoff=1.0, at_height=2.0, goal=3.0)
@@ -446,10 +456,33 @@ def test_it_fails_fast_once_it_can_hold_no_more() -> None:
         judge.on_pose(pose(t_s, (0, 0, -1.5)))
         flags += judge.on_tick(t_s)
     (flag,) = flags
-    assert 5.0 < flag.t_s <= 6.1
+    assert 5.0 <= flag.t_s <= 6.0
     assert flag.decisive
     assert flag.text == (
         "real: stl cannot be satisfied any more: up_m >= 3 is violated: 1.500 m against 3 m"
+    )
+
+
+def test_a_pose_that_comes_late_may_satisfy_a_formula_in_time() -> None:
+    judge = stl("eventually[0,2] (up_m >= 3)", fail_fast=True)
+    stage(judge, goal=3.0)
+    heights(judge, 1.0, 2.9)
+    # The pose of 4.9 s is on its way when the two seconds are over.
+    assert judge.on_tick(5.3) == ()
+    heights(judge, 3.1, start_s=4.9)
+    heights(judge, 1.0, start_s=5.4)
+    assert judge.on_tick(6.4) == ()
+    assert judge.result(9.0).verdict == "PASS"
+
+
+def test_contact_fails_fast_although_its_margin_is_zero() -> None:
+    judge = stl("always (clearance_m > 0)", fail_fast=True)
+    stage(judge, takeoff=1.0, at_height=2.0, goal=3.0)
+    for t_s, north_m in ((3.0, 0.0), (3.1, 2.5), (3.2, 3.5), (3.3, 3.5)):
+        judge.on_pose(pose(t_s, (north_m, -0.55, -1)))
+    (flag,) = judge.on_tick(4.0)
+    assert flag.text == (
+        "real: stl cannot be satisfied any more: clearance_m > 0 is violated: 0.000 m against 0 m"
     )
 
 

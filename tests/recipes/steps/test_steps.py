@@ -260,7 +260,10 @@ def test_disagreement_of_cameras_is_that_at_the_worst_corner() -> None:
     assert disagreement_px(CAMERA, shifted) == pytest.approx(3.0)
     longer = replace(CAMERA, fy_px=CAMERA.fy_px * 1.1)
     assert disagreement_px(CAMERA, longer) == pytest.approx(0.1 * CAMERA.cy_px)
+    both = replace(shifted, cy_px=CAMERA.cy_px - 4.0)
+    assert disagreement_px(CAMERA, both) == pytest.approx(5.0)
     assert disagreement_px(CAMERA, replace(CAMERA, distortion=(0.1, 0, 0, 0))) == np.inf
+    assert disagreement_px(CAMERA, replace(CAMERA, distortion=(0, 0, 0, 0))) == 0.0
 
 
 def test_parameters_of_a_step_are_frozen_and_know_their_sides() -> None:

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -129,6 +130,15 @@ def test_a_source_that_ended_is_found_in_flight() -> None:
     flight.fly()
     (event,) = flight.evidence.events
     assert "no sample for 0.72 s; 1.08 s after the goal" in event.text
+
+
+def test_a_gap_just_beyond_the_limit_is_shown_beyond_it() -> None:
+    evidence = Evidence((replace(terms(), limit_s=1.0),))
+    evidence.stage(StageSample(1.0, "takeoff"))
+    evidence.pose(pose(1.0))
+    evidence.pose(pose(2.0004))
+    (event,) = evidence.events
+    assert "no sample for 1.0004 s against 1 s" in event.text
 
 
 def test_a_silent_link_is_judged_by_others_before_its_gap_counts() -> None:

@@ -195,6 +195,16 @@ def test_battery_by_charge_and_by_voltage() -> None:
     assert (voltage.result(5.0).margin, voltage.result(5.0).unit) == (-0.5, "V")
 
 
+@pytest.mark.parametrize("percent", range(1, 101))
+def test_a_charge_of_exactly_the_least_percent_passes(percent: int) -> None:
+    judge = build("battery", min_percent=percent)
+    bound = build("stl", stl=f"always ({percent} <= battery_percent <= {percent})")
+    for one in (judge, bound):
+        stage(one, takeoff=1.0, goal=1.5)
+        one.on_state(state_of(2.0, percent=percent))
+        assert one.result(3.0).verdict == "PASS"
+
+
 def test_a_charge_that_is_unknown_after_it_was_known_passes_nothing() -> None:
     judge = build("battery", min_percent=20.0)
     stage(judge, takeoff=1.0)
@@ -235,6 +245,15 @@ def test_modes_may_change_so_often() -> None:
     assert judge.result(4.0).margin == 0.0
     assert judge.on_state(state_of(4.0, mode=Mode.GUIDED))
     assert (judge.result(5.0).verdict, judge.result(5.0).margin) == ("FAIL", -1.0)
+
+
+def test_a_mode_that_is_not_allowed_has_no_margin_to_the_most_changes() -> None:
+    judge = build("modes", allowed=("guided", "hold"), max_changes=2)
+    stage(judge, goal=1.0)
+    for t_s, mode in ((2.0, Mode.GUIDED), (3.0, Mode.LAND)):
+        judge.on_state(state_of(t_s, mode=mode))
+    result = judge.result(4.0)
+    assert (result.verdict, result.actual, result.limit, result.margin) == ("FAIL", 1.0, None, None)
 
 
 # The terms that every oracle has.

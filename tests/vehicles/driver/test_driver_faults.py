@@ -330,6 +330,7 @@ def test_a_vehicle_is_not_commanded_to_disarm_before_it_has_landed(
     ("voltage_mv", "percent", "battery"),
     [
         (12_600, 80, Battery(12.6, 0.8)),
+        (14_200, 80, Battery(14.2, 0.8)),
         (9_000, 0, Battery(9.0, 0.0)),
         (0, -1, Battery(None, None)),
         (0, 0, Battery(None, None)),

@@ -19,6 +19,7 @@ from wil_campaign.orchestrator.run.perception.mixing_loop import Registration, R
 from wil_campaign.orchestrator.run.perception.registration_error import (
     Registrar,
     registration_error_px,
+    seen_points,
     uncertainty_px,
 )
 from wil_campaign.orchestrator.state.run_setup import RunOrder, RunSetup
@@ -40,7 +41,9 @@ LINK = parse_link("udpin://0.0.0.0:14540")
 def error_px(drawn_from: Pose, *, moved_m: float = 0.0, things: tuple[Vec3, ...] = GATE) -> float:
     now = [(north, east + moved_m, down) for north, east, down in things]
     found = registration_error_px(
-        zip(things, now, strict=True), intrinsics=CAMERA, drawn_from=drawn_from, reference=HERE
+        seen_points(
+            zip(things, now, strict=True), intrinsics=CAMERA, drawn_from=drawn_from, reference=HERE
+        )
     )
     assert found is not None
     return found
@@ -67,7 +70,9 @@ def test_points_that_neither_camera_sees_do_not_count() -> None:
     here = Pose((0.0, 0.01, -0.5))
     assert error_px(here, things=(*GATE, behind, aside)) == pytest.approx(error_px(here))
     found = registration_error_px(
-        [(behind, behind), (aside, aside)], intrinsics=CAMERA, drawn_from=here, reference=HERE
+        seen_points(
+            [(behind, behind), (aside, aside)], intrinsics=CAMERA, drawn_from=here, reference=HERE
+        )
     )
     assert found is None
 
@@ -98,7 +103,9 @@ def test_a_pose_within_one_standard_deviation_is_seen_within_the_bound(
         turn,
     )
     found = registration_error_px(
-        zip(GATE, GATE, strict=True), intrinsics=CAMERA, drawn_from=moved, reference=here
+        seen_points(
+            zip(GATE, GATE, strict=True), intrinsics=CAMERA, drawn_from=moved, reference=here
+        )
     )
     accuracy = PoseAccuracy(position_m=position_m, attitude_rad=attitude_rad)
     bound_px = uncertainty_px(GATE, intrinsics=CAMERA, camera=here, accuracy=accuracy)
@@ -112,8 +119,7 @@ def test_the_bound_is_three_standard_deviations_in_pixels() -> None:
     middle = [(3.0, 0.0, -0.5)]
     bound_px = uncertainty_px(middle, intrinsics=CAMERA, camera=HERE, accuracy=accuracy)
     assert bound_px == pytest.approx(3 * 0.001 * F_PX / 3.0)
-    aside = [(3.0, 9.0, -0.5)]
-    assert uncertainty_px(aside, intrinsics=CAMERA, camera=HERE, accuracy=accuracy) == 0.0
+    assert uncertainty_px([], intrinsics=CAMERA, camera=HERE, accuracy=accuracy) == 0.0
 
 
 class Blind:
@@ -176,6 +182,21 @@ def test_without_a_reference_there_is_a_bound_and_with_one_an_error(scene: Scene
         scene.real.truth.add(k / 100, Pose((0.0, k / 100, -0.5)))
     assert registered(scene.drawn(0.5), 0.5) == RegistrationError(0.0)
     assert registered(replace(scene.drawn(0.5), camera_pose=None), 0.5) == RegistrationError()
+
+
+def test_what_is_drawn_into_the_image_although_it_is_beside_it_has_a_bound_too(
+    scene: Scene,
+) -> None:
+    scene.real.poses = PoseHistory(2.0)
+    for k in range(100):  # nothing virtual is in view of the place at half a second
+        yaw_rad = math.radians(80.0) * (1.0 - abs(k - 50) / 50)
+        scene.real.poses.add(k / 100, Pose.of(0.0, 0.0, 0.5, yaw_rad=yaw_rad))
+    found = scene.registration()(scene.drawn(0.6), 0.5)
+    seen = within(found)
+    scene.real.truth = scene.real.poses
+    error_px = scene.registration()(scene.drawn(0.6), 0.5).error_px
+    assert error_px is not None
+    assert seen > error_px + 10.0
 
 
 def test_the_truth_of_a_vehicle_is_no_reference_for_images_from_outside(scene: Scene) -> None:

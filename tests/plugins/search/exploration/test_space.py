@@ -15,6 +15,7 @@ from wil_campaign.safety.evaluation.judge import OracleUse
 from wil_campaign.safety.model.oracle_results import OracleResult
 from wil_campaign.safety.oracles.registry import oracle_kinds
 
+NUMBER = {"n": SignalKind("n", "")}
 METRES = {"aside": SignalKind("m", ""), "size": SignalKind("m", ""), "wait": SignalKind("s", "")}
 
 
@@ -98,6 +99,17 @@ def test_each_choice_is_a_cell_and_whole_numbers_of_a_long_range_share_cells() -
     both = Space(parameters=(eight, counted))
     found = coverage_of(both, [{"form": "a", "count": one} for one in range(1, 11)])
     assert (found.cells, found.flown) == (8 * 5, 5)
+
+
+def test_where_every_variant_was_flown_nothing_is_far_from_them() -> None:
+    form = Parameter(name="form", keys=("form",), choices=("square", "round"))
+    counted = Parameter(name="n", keys=("n",), low=0, high=2, is_integer=True, steps=2)
+    values = [{"form": one, "n": n} for one in form.choices for n in range(3)]
+    found = coverage_of(Space(parameters=(form, counted)), values)
+    assert (found.share, found.distance, found.farthest) == (1.0, 0.0, None)
+    more = Space(parameters=(form, counted), constraints=(parse_constraint("n >= 1", NUMBER),))
+    found = coverage_of(more, [one for one in values if one["n"] != 0])
+    assert (found.cells, found.flown, found.farthest) == (2, 2, None)
 
 
 def test_no_cell_is_missed_where_nothing_is_excluded() -> None:

@@ -90,8 +90,16 @@ def test_fewer_flights_with_nothing_near_may_be_chance() -> None:
     assert one_of_ten.outcome == "undecided"
     assert (one_of_ten.is_beyond, one_of_ten.flights) == ((True, True), (10, 10))
     (_, half) = compared(near("a", [0.5, None]), near("a", [0.5, 0.6, None]), margin=0.1).changes
-    assert half.is_beyond == (True, False)
+    assert half.is_beyond == (True, True)
     assert half.before == pytest.approx(1.25)
+    assert half.after == pytest.approx(3.1 / 3)
+
+
+def test_what_stands_before_and_after_is_what_was_compared() -> None:
+    before, after = [0.5, 0.5, 0.5, 0.6, 0.6], [0.1, 0.1, 0.5, 0.6, 0.6]
+    (_, change) = compared(near("a", before), near("a", after), margin=0.1).changes
+    assert [change.before, change.after] == pytest.approx([0.54, 0.38])
+    assert change.loss == pytest.approx(change.before - change.after)
 
 
 def test_a_margin_that_no_limit_gives_is_not_taken_for_nothing_near() -> None:
@@ -600,3 +608,13 @@ def test_other_parameters_in_the_vehicle_are_named(tmp_path: Path, capsys: Captu
     assert main(["compare", str(tmp_path / "before"), str(tmp_path / "after")]) == 0
     said = capsys.readouterr().out
     assert "also changed: real: the digest of its parameters was 0a, now it is 0b" in said
+
+
+def test_equal_runs_have_no_interval_on_the_page_either(tmp_path: Path) -> None:
+    old = write_flown(tmp_path / "old", flights("a", "wil", "P" * 5, [0.1] * 5), with_motion=False)
+    new = write_flown(tmp_path / "new", flights("a", "wil", "PPPPF", TEN[:5]), with_motion=False)
+    page = tmp_path / "compare.html"
+    main(["compare", str(old), str(new), "--page", str(page)])
+    text = page.read_text()
+    assert "5 of 5 passed<" in text
+    assert "4 of 5 passed, interval of 28% to 99%" in text
