@@ -33,7 +33,7 @@ from wil_campaign.vehicles.embedded.autopilot.services.mission_service import (
 from wil_campaign.vehicles.embedded.autopilot.services.outbox import Outbox
 
 
-class MissionPilot(Protocol):
+class MissionAutopilot(Protocol):
     """The autopilot that flies missions (protocol)."""
 
     state: State
@@ -69,11 +69,13 @@ class Missions:
     no_items: MISSION_CURRENT.total without a mission.
     """
 
-    def __init__(self, pilot: MissionPilot, service: MissionService, *, no_items: int) -> None:
-        self._pilot = pilot
+    def __init__(
+        self, autopilot: MissionAutopilot, service: MissionService, *, no_items: int
+    ) -> None:
+        self._autopilot = autopilot
         self._service = service
         self._no_items = no_items
-        self._first_item = pilot.firmware.first_mission_item
+        self._first_item = autopilot.firmware.first_mission_item
         self._has_begun = self._is_complete = False
 
     @property
@@ -84,11 +86,11 @@ class Missions:
     @property
     def is_uploaded(self) -> bool:
         """Return whether the autopilot has a user's mission."""
-        return self._pilot.state.mission_total > self._first_item
+        return self._autopilot.state.mission_total > self._first_item
 
     def accept(self, count: int) -> None:
         """Note an uploaded mission of so many items."""
-        state = self._pilot.state
+        state = self._autopilot.state
         state.mission_seq, state.mission_total = 0, count
         self._has_begun = self._is_complete = False
 
@@ -96,7 +98,7 @@ class Missions:
 
     def begin(self) -> Behaviour:
         """Return the behaviour of the uploaded mission, from the current item on."""
-        pilot, state = self._pilot, self._pilot.state
+        autopilot, state = self._autopilot, self._autopilot.state
         if self._is_complete:
             state.mission_seq = 0
         self._has_begun, self._is_complete = True, False
@@ -104,19 +106,19 @@ class Missions:
             items=self.items,
             first=max(self._first_item, state.mission_seq),
             state=state,
-            makers=MissionMakers(pilot.manoeuvres, pilot.return_home, pilot.lift),
+            makers=MissionMakers(autopilot.manoeuvres, autopilot.return_home, autopilot.lift),
             events=self,
         )
 
     @property
     def _flown(self) -> FlyMission | None:
-        flight = self._pilot.flight
+        flight = self._autopilot.flight
         behaviour = flight.behaviour
         return behaviour if isinstance(behaviour, FlyMission) and flight.armed else None
 
     def watch(self) -> None:
         """Mark the current item as reached when the mission has landed."""
-        flight = self._pilot.flight
+        flight = self._autopilot.flight
         if flight.landed and flight.landed_at_s is not None:
             mission = self._flown
             if mission is not None:
@@ -124,11 +126,11 @@ class Missions:
 
     def begin_item(self, seq: int) -> None:
         """Note that the autopilot now flies this mission item."""
-        self._pilot.state.mission_seq = seq
+        self._autopilot.state.mission_seq = seq
 
     def reach_item(self, seq: int) -> None:
         """Report that a mission item is reached."""
-        self._pilot.outbox.send(mavlink.MAVLink_mission_item_reached_message(seq))
+        self._autopilot.outbox.send(mavlink.MAVLink_mission_item_reached_message(seq))
 
     def finish_mission(self) -> None:
         """Note that the mission's last item is reached."""
@@ -136,7 +138,7 @@ class Missions:
 
     def look_at(self, latitude_deg: float, longitude_deg: float) -> None:
         """Look at a region of interest from now on; at 0, 0 there is none."""
-        self._pilot.look_at(latitude_deg, longitude_deg)
+        self._autopilot.look_at(latitude_deg, longitude_deg)
 
     # Messages and commands.
 
@@ -152,13 +154,13 @@ class Missions:
 
     @on_request(mavlink.MAVLINK_MSG_ID_MISSION_CURRENT)
     def _mission_current(self) -> Any:
-        pilot, is_on = self._pilot, self._pilot.flies_missions
-        total = max(0, pilot.state.mission_total - self._first_item)
+        autopilot, is_on = self._autopilot, self._autopilot.flies_missions
+        total = max(0, autopilot.state.mission_total - self._first_item)
         return mavlink.MAVLink_mission_current_message(
-            pilot.state.mission_seq,
+            autopilot.state.mission_seq,
             total or self._no_items,
             self._mission_state(is_on=is_on),
-            1 if is_on else pilot.firmware.other_mode,
+            1 if is_on else autopilot.firmware.other_mode,
         )
 
     def _mission_state(self, *, is_on: bool) -> int:
@@ -174,7 +176,7 @@ class Missions:
     @on_message("MISSION_SET_CURRENT")
     def _on_mission_set_current(self, message: Any) -> None:
         self.set_current(message.seq)
-        self._pilot.outbox.send(self._mission_current())
+        self._autopilot.outbox.send(self._mission_current())
 
     @on_command(mavlink.MAV_CMD_DO_SET_MISSION_CURRENT)
     def _do_set_current(self, command: Command) -> int:
@@ -187,7 +189,7 @@ class Missions:
         """Go on with this item; return False where there is none."""
         if not 0 <= seq < len(self.items):
             return False
-        self._pilot.state.mission_seq = seq
+        self._autopilot.state.mission_seq = seq
         self._is_complete = False
         mission = self._flown
         if mission is not None:
@@ -196,11 +198,11 @@ class Missions:
 
     @on_command(mavlink.MAV_CMD_DO_CHANGE_SPEED)
     def _change_speed(self, command: Command) -> int:
-        pilot = self._pilot
+        autopilot = self._autopilot
         kind, speed_m_s = command.params[0], command.params[1]
-        if math.isnan(speed_m_s) or not pilot.manoeuvres.change_speed(kind, speed_m_s):
+        if math.isnan(speed_m_s) or not autopilot.manoeuvres.change_speed(kind, speed_m_s):
             return DENIED
-        behaviour = pilot.flight.behaviour
-        if behaviour is not None and pilot.flies_by_speeds:
-            behaviour.change_speeds(pilot.manoeuvres.speeds())
+        behaviour = autopilot.flight.behaviour
+        if behaviour is not None and autopilot.flies_by_speeds:
+            behaviour.change_speeds(autopilot.manoeuvres.speeds())
         return ACCEPTED
