@@ -15,6 +15,10 @@ from wil_campaign.foundation.files.document_writer import write_whole
 from wil_campaign.foundation.processes.linux import usable_cores
 from wil_campaign.hooks import ReportSection, RunSection, Section
 from wil_campaign.installed_plugins import added, load, needed_by
+from wil_campaign.orchestrator.campaign.workers.run_server import (
+    end_by_sigterm,
+    running_context,
+)
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
 from wil_campaign.orchestrator.reading.results_folder import read_campaign
 from wil_campaign.orchestrator.recording.timestamps import utc_text
@@ -32,8 +36,9 @@ from wil_campaign.orchestrator.report.rendering.page import (
 )
 
 FILE_NAME = "report.html"
-_ALONE = 8
-"""Up to this many runs one process is as fast as several."""
+_ALONE, _ALONE_BESIDE_SERVER = 8, 2
+"""Up to this many runs one process is as fast as several, which import anew but from a run server.
+"""
 _FEW = 12
 """Up to this many failed runs have large frames: 7 per run, some 30 kB a frame."""
 _VIDEO_BYTES = 1_000_000
@@ -124,14 +129,14 @@ def _pages_and_sections(
 ) -> tuple[list[RunPage], list[Section]]:
     """Return the runs of the page, and what plugins add to it."""
     wanted = tuple(added(hooks.report_sections).values())
-    workers = min(most or usable_cores(), len(orders))
-    if len(orders) > _ALONE and workers > 1:
-        # Spawned, not forked: earlier flights may have left threads.
-        context = multiprocessing.get_context("spawn")
+    workers, server = min(most or usable_cores(), len(orders)), running_context()
+    if len(orders) > (_ALONE if server is None else _ALONE_BESIDE_SERVER) and workers > 1:
+        # Spawned, not forked from here: earlier flights may have left threads.
+        context = server or multiprocessing.get_context("spawn")
         # Workers fail if the main module cannot be imported again, or for lack of memory.
         with (
             suppress(BrokenProcessPool),
-            ProcessPoolExecutor(workers, mp_context=context) as pool,
+            ProcessPoolExecutor(workers, mp_context=context, initializer=end_by_sigterm) as pool,
         ):
             sections = [
                 pool.submit(_section, report_section, folder, documents)

@@ -8,6 +8,7 @@ import contextlib
 import multiprocessing as mp
 import os
 import shutil
+import signal
 import socket
 import stat
 import tempfile
@@ -51,6 +52,17 @@ def start_run_server() -> None:
             del os.environ[_SAFE_PATH]
             if before is not None:
                 os.environ[_SAFE_PATH] = before
+
+
+def running_context() -> ForkServerContext | None:
+    """Return the context of the run server where this program has one; else None."""
+    server: Any = getattr(forkserver, "_forkserver")  # noqa: B009 - private
+    return None if server._forkserver_pid is None else run_context()  # noqa: SLF001
+
+
+def end_by_sigterm() -> None:
+    """Have SIGTERM end this process, which was forked from the run server: that ignores it."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _forget_lost_server() -> None:

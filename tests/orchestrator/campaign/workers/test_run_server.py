@@ -16,12 +16,17 @@ print("started", flush=True)
 time.sleep(600)
 """
 _RUN = """
-import os
+import os, signal
+from concurrent.futures import ProcessPoolExecutor
 from wil_campaign.orchestrator.campaign.workers.run_server import (
-    run_context, run_environment, start_run_server
+    end_by_sigterm, run_context, run_environment, running_context, start_run_server
 )
 if __name__ == "__main__":
+    assert running_context() is None
     start_run_server()
+    context = running_context()
+    with ProcessPoolExecutor(1, mp_context=context, initializer=end_by_sigterm) as pool:
+        print(type(pool.submit(signal.raise_signal, signal.SIGTERM).exception()).__name__)
     print(run_environment() == dict(os.environ), "PYTHONSAFEPATH" in os.environ, flush=True)
     run = run_context().Process(target=os.mkdir, args=("flown",))
     run.start()
@@ -122,7 +127,7 @@ def test_a_file_of_the_user_is_not_imported_in_place_of_a_module(tmp_path: Path)
         timeout=_WITHIN_S,
         check=False,
     )
-    assert ended.stdout == "True False\n", ended.stderr
+    assert ended.stdout == "BrokenProcessPool\nTrue False\n", ended.stderr
     assert (here / "flown").is_dir(), ended.stderr
     assert list(here.glob("imported *")) == []
 
