@@ -34,6 +34,7 @@ from wil_campaign.recipes.working import (
 )
 from wil_campaign.vehicles.readings import Reading
 from wil_campaign.vehicles.readings.kinds import traits_named
+from wil_campaign.worlds.figures import distinct_text
 
 __all__ = ["Mixer", "Stopwatch", "compile_recipe"]
 
@@ -246,10 +247,14 @@ class Mixer:
         skew_s, age_s = abs(real_s - twin_s), now_s - min(real_s, twin_s)
         if skew_s > budget.max_skew_s + _STAMP_S:
             reason: DropReason = "stale"
-            message = f"exposures {_ms(skew_s)} apart, more than {_ms(budget.max_skew_s)}"
+            message = "exposures {} ms apart, more than {:g} ms".format(
+                *_ms(skew_s, budget.max_skew_s)
+            )
         elif budget.max_latency_s is not None and age_s > budget.max_latency_s + _STAMP_S:
             reason = "late"
-            message = f"{_ms(age_s)} old at delivery, more than {_ms(budget.max_latency_s)}"
+            message = "{} ms old at delivery, more than {:g} ms".format(
+                *_ms(age_s, budget.max_latency_s)
+            )
         else:
             return None
         del sides["twin"]
@@ -336,8 +341,10 @@ class _Frame:
             self.times.append(StageTime(name, self._stopwatch() - started_s))
 
 
-def _ms(time_s: float) -> str:
-    return f"{time_s * 1000:.0f} ms"
+def _ms(time_s: float, limit_s: float) -> tuple[str, float]:
+    """Return a time, as text that tells it from its limit, and the limit, in milliseconds."""
+    limit_ms = limit_s * 1000
+    return distinct_text(time_s * 1000, limit_ms, digits=0), limit_ms
 
 
 def _provenance(

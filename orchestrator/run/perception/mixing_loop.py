@@ -17,6 +17,7 @@ from wil_campaign.vehicles.poses.pose_history import PoseHistory
 from wil_campaign.vehicles.readings import Reading, end_s
 from wil_campaign.vehicles.readings.kinds import duration_s, traits_of
 from wil_campaign.vehicles.sensors.sensor_streams import OnDemand
+from wil_campaign.worlds.figures import distinct_text
 
 _POSE_POLL_S = 0.002
 _PAIR_WAIT_S = 0.05
@@ -297,9 +298,10 @@ class MixingLoop:
     def _require_in_time(self, age_s: float) -> None:
         limit_s = self.mixer.combination.budget.max_latency_s
         if limit_s is not None and age_s > limit_s + _EARLY_S:
+            age_ms = distinct_text(age_s * 1e3, limit_s * 1e3, digits=0)
             raise NoImageError(
-                f"the twin's image came {age_s * 1e3:.0f} ms after the exposure, more than "
-                f"max_latency_ms: {limit_s * 1e3:.0f}"
+                f"the twin's image came {age_ms} ms after the exposure, more than "
+                f"max_latency_ms: {limit_s * 1e3:g}"
             )
 
     async def _await_pose(self, t_s: float) -> None:

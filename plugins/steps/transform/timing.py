@@ -14,6 +14,7 @@ from wil_campaign.vehicles.readings import (
     LidarPointsReading,
     Reading,
 )
+from wil_campaign.worlds.figures import distinct_text
 
 _KEPT = 4096
 """Largest number of stored readings: 10 s, the longest delay, of an IMU at 400 Hz."""
@@ -130,9 +131,10 @@ class _Resample(_Remembering):
         found = self._find_reading(memory, t_s)
         gap_s = abs(found.t_s - t_s)
         if gap_s > self._max_gap_s:
-            limit = f"more than max_gap_ms {self._max_gap_s * 1000:g}"
-            away = f"resample: the reading is {gap_s * 1000:.0f} ms away"
-            raise CannotMixError("stale", f"{away}, {limit}")
+            limit_ms = self._max_gap_s * 1000
+            gap = distinct_text(gap_s * 1000, limit_ms, digits=0)
+            away = f"resample: the reading is {gap} ms away"
+            raise CannotMixError("stale", f"{away}, more than max_gap_ms {limit_ms:g}")
         return Masked(found, work.mask) if found is not work.reading else work
 
     def _find_reading(self, memory: _Memory, t_s: float) -> Reading:
