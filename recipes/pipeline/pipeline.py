@@ -247,14 +247,12 @@ class Mixer:
         skew_s, age_s = abs(real_s - twin_s), now_s - min(real_s, twin_s)
         if skew_s > budget.max_skew_s + _STAMP_S:
             reason: DropReason = "stale"
-            message = "exposures {} ms apart, more than {:g} ms".format(
-                *_ms(skew_s, budget.max_skew_s)
-            )
+            apart, limit = _ms(skew_s, budget.max_skew_s)
+            message = f"exposures {apart} apart, more than {limit}"
         elif budget.max_latency_s is not None and age_s > budget.max_latency_s + _STAMP_S:
             reason = "late"
-            message = "{} ms old at delivery, more than {:g} ms".format(
-                *_ms(age_s, budget.max_latency_s)
-            )
+            age, limit = _ms(age_s, budget.max_latency_s)
+            message = f"{age} old at delivery, more than {limit}"
         else:
             return None
         del sides["twin"]
@@ -341,10 +339,10 @@ class _Frame:
             self.times.append(StageTime(name, self._stopwatch() - started_s))
 
 
-def _ms(time_s: float, limit_s: float) -> tuple[str, float]:
+def _ms(time_s: float, limit_s: float) -> tuple[str, str]:
     """Return a time, as text that tells it from its limit, and the limit, in milliseconds."""
     limit_ms = limit_s * 1000
-    return distinct_text(time_s * 1000, limit_ms, digits=0), limit_ms
+    return f"{distinct_text(time_s * 1000, limit_ms, digits=0)} ms", f"{limit_ms:g} ms"
 
 
 def _provenance(

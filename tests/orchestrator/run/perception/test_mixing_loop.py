@@ -631,6 +631,7 @@ def test_good_mixing_is_left_alone() -> None:
     ("limit", "twin_s", "late_s", "said"),
     [
         ("max_skew_ms: 20", 2.95, 0.0, "exposures 50 ms apart, more than 20 ms"),
+        ("max_skew_ms: 50", 2.9497, 0.0, "exposures 50.3 ms apart, more than 50 ms"),
         ("max_latency_ms: 40", 3.0, 0.06, "60 ms old at delivery, more than 40 ms"),
     ],
 )
