@@ -89,6 +89,7 @@ ONE_PLACE = [
     ("seed: 7", "limits: {@speed: 1}\nseed: 7", "unknown key 'speed'; did you mean 'speed_m_s'?"),
     ("seed: 7", "limits: {speed_m_s: @0}\nseed: 7", "must be greater than 0, is 0"),
     ("seed: 7", "limits: {up_m: @[2, 1]}\nseed: 7", "must be [low, high], is [2, 1]"),
+    ("seed: 7", "limits: {speed_m_s: 1, keep_m: @2}\nseed: 7", "has no effect without up_m or in"),
     ("seed: 7", "limits: {up_m: @[0, 0.5]}\nseed: 7", "leaves no room: keep_m, 0.3 m, counts from"),
     ("seed: 7", "operator: {gcs: {real: @14550}}\nseed: 7", "must be text, is 14550"),
     ("seed: 7", "operator: {gcs: {real: @'memory://'}}\nseed: 7", "memory:// connects to nothing"),
