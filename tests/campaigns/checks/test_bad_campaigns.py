@@ -31,6 +31,11 @@ ONE_PLACE = [
         "a placed twin does not fly: it has no imu; write coupling: follow",
     ),
     (
+        "  large: {}",
+        "  large: {vehicles.twin.coupling: placed,faults.twin: {@pose_source: {stop: {on: land}}}}",
+        "a placed twin does not fly: its pose is the real vehicle's",
+    ),
+    (
         "start: {north_m: 0, east_m: 0}",
         "start: {@north_ft: 0, east_m: 0}",
         "unknown key 'north_ft'; did you mean 'north_m'?",
