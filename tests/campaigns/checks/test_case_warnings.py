@@ -113,6 +113,8 @@ def test_a_parameter_without_effect_is_named(files: Any, params: str, names: lis
             ("collision: {}", f"{oracle}\n  collision: {{}}", said)
             for oracle, said in (
                 ("battery: {min_percent: 0}", "no battery is charged to less than 0 %"),
+                ("distance: {object: gate, min_m: 0}", "nothing is less than 0: it cannot fail"),
+                ("speed: {min_m_s: 0}", "nothing is less than 0: it cannot fail"),
                 ("link: {max_gap_s: 150}", "end each flight after 150 s: it cannot fail"),
                 ("estimator: {max_unsound_s: 150}", "end each flight after 150 s: it cannot fail"),
                 ("attitude: {max_tilt_deg: 180}", "no attitude is beyond 180 degrees"),
