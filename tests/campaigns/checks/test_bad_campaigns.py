@@ -93,6 +93,11 @@ ONE_PLACE = [
     ("up_m: [-0.5, 2.3]", "up_m: @[2.3]", "has too few entries (1)"),
     ("seed: 7", "limits: {@speed: 1}\nseed: 7", "unknown key 'speed'; did you mean 'speed_m_s'?"),
     ("seed: 7", "limits: {speed_m_s: @0}\nseed: 7", "must be greater than 0, is 0"),
+    (
+        "  large: {}",
+        "  large: {limits: {up_m: [0, 1.4]}, goal.altitude_m: @1.2}",
+        "is not within limits.up_m [0, 1.4] by keep_m 0.3",
+    ),
     ("seed: 7", "limits: {up_m: @[2, 1]}\nseed: 7", "must be [low, high], is [2, 1]"),
     ("seed: 7", "limits: {speed_m_s: 1, keep_m: @2}\nseed: 7", "has no effect without up_m or in"),
     ("seed: 7", "limits: {up_m: @[0, 0.5]}\nseed: 7", "leaves no room: keep_m, 0.3 m, counts from"),
