@@ -19,7 +19,7 @@ from wil_campaign.campaigns.checks.mixture_warnings import (
     wide_registration_limits,
 )
 from wil_campaign.campaigns.checks.place_checks import judged_world
-from wil_campaign.campaigns.schema import Mode, VehicleName
+from wil_campaign.campaigns.schema import VEHICLES, Mode, VehicleName
 from wil_campaign.campaigns.setup.case_files import CaseFiles
 from wil_campaign.campaigns.setup.case_setup import FLIES, Case
 from wil_campaign.campaigns.setup.vehicle_setups import unused_settings
@@ -150,6 +150,7 @@ def _unchecked_goals(files: CaseFiles, case: Case) -> Iterator[Problem]:
 def caveats_of(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iterator[Problem]:
     """Yield the warnings of a case that are also caveats of each of its verdicts."""
     yield from _unread_parameters(files.campaign, case)
+    yield from _idle_parts(files.campaign, case, modes)
     yield from _unchecked_goals(files, case)
     yield from _unperceived_mixture(files, case, modes)
     if "wil" in modes:
@@ -162,6 +163,26 @@ def caveats_of(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iterato
         yield from narrow_gates(files.campaign, case, mode, scene)
     for name in dict.fromkeys(FLIES[mode][0] for mode in modes):
         yield from _long_gaps(files.campaign, case, name)
+
+
+def _idle_parts(file: Document, case: Case, modes: tuple[Mode, ...]) -> Iterator[Problem]:
+    """Yield a warning for oracles, faults and the like of a vehicle that flies in no mode."""
+    flown = {name for mode in modes for name in FLIES[mode]}
+    for use in case.oracles:
+        named, path = use.parameters.vehicle, ("oracles", use.name)
+        if "wil" not in modes and oracle_kinds()[use.kind].needs_pair(use.parameters):
+            message = f"'{use.name}' judges a pair, and mode wil is not flown: it judges nothing"
+            yield file.problem(path, message, key=True)
+        elif named is not None and named not in flown:
+            message = f"'{use.name}' judges '{named}', which no mode flies: it judges nothing"
+            yield file.problem(path, message, key=True)
+    in_the_air = {name for mode in modes for name in case.flying(mode)}
+    for key in ("faults", *case.observers):
+        for name in VEHICLES:
+            has_effect = name in (flown if key == "faults" else in_the_air)
+            if not has_effect and file.get((key, name)) is not None:
+                message = f"no mode flies '{name}': {key}.{name} has no effect"
+                yield file.problem((key, name), message, key=True)
 
 
 def _unread_parameters(file: Document, case: Case) -> Iterator[Problem]:

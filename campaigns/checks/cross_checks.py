@@ -14,12 +14,13 @@ from wil_campaign.campaigns.checks.vehicle_checks import vehicle_problems
 from wil_campaign.campaigns.schema import Mode
 from wil_campaign.campaigns.setup.actor_setups import ActorSetup
 from wil_campaign.campaigns.setup.case_files import CaseFiles
-from wil_campaign.campaigns.setup.case_setup import FLIES, Case
+from wil_campaign.campaigns.setup.case_setup import FLIES, Case, GoalSetup
 from wil_campaign.campaigns.setup.encounters import encounters
 from wil_campaign.foundation.files.documents import Document, Path, Problem, closest
 from wil_campaign.foundation.files.documents import Path as KeyPath
 from wil_campaign.safety.evaluation.judge import OracleUse, build_oracles
 from wil_campaign.safety.fence.geofence import Fence
+from wil_campaign.safety.guard.core.setpoint_limits import SetpointLimits
 from wil_campaign.safety.oracles.oracle import Oracle, OracleContext, OracleError
 from wil_campaign.safety.oracles.registry import oracle_kinds
 from wil_campaign.worlds.figures import distinct_text
@@ -344,14 +345,33 @@ def _unknown_names(file: Document, use: OracleUse, world: World) -> Iterator[Pro
 
 
 def _limits(files: CaseFiles, case: Case, mode: Mode) -> Iterator[Problem]:
-    """Yield a problem when `limits` keep setpoints inside a geofence that the campaign lacks."""
-    if case.limits is None or not case.limits.inside_fence:
+    """Yield a goal beyond the heights of `limits`, and a geofence that they need and lack."""
+    if case.limits is None:
+        return
+    yield from _goal_beyond_limits(files, case.goal, case.limits)
+    if not case.limits.inside_fence:
         return
     for name in FLIES[mode]:
         if name not in case.fences:
             whose = "the campaign" if not case.fences else f"'{name}'"
             message = f"needs a geofence; {whose} has none"
             yield files.campaign.problem(("limits", "inside_geofence"), message)
+
+
+def _goal_beyond_limits(
+    files: CaseFiles, goal: GoalSetup, limits: SetpointLimits
+) -> Iterator[Problem]:
+    """Yield a goal to which no setpoint may lead; a takeoff is no setpoint, and goes beyond."""
+    heights: dict[Path, float] = {("goal", "altitude_m"): goal.altitude_m}
+    if goal.position_ned_m is not None:
+        heights["goal", "position"] = -goal.position_ned_m[2]
+    for path, up_m in heights.items():
+        low_m, high_m = limits.floor_up_m, limits.ceiling_up_m
+        if low_m is None or high_m is None:
+            return
+        if not low_m + limits.keep_m <= up_m <= high_m - limits.keep_m:
+            message = f"is not within limits.up_m [{low_m:g}, {high_m:g}] by keep_m"
+            yield files.campaign.problem(path, f"{message} {limits.keep_m:g}")
 
 
 class _NothingNear:

@@ -15,6 +15,7 @@ from wil_campaign.safety.oracles.autopilot_health import (
     ModeName,
     ModesParameters,
 )
+from wil_campaign.safety.oracles.limit_oracle import Band
 from wil_campaign.safety.oracles.motion import AttitudeParameters
 from wil_campaign.safety.oracles.vehicle_health import LinkParameters
 from wil_campaign.worlds.figures import distinct_text
@@ -42,6 +43,9 @@ def limit_warnings(file: Document, case: Case) -> Iterator[Problem]:
         if isinstance(given, BatteryParameters) and given.min_percent == 0.0:
             message = "no battery is charged to less than 0 %: it cannot fail"
             yield file.problem((*path, "min_percent"), message)
+        elif isinstance(given, Band) and not isinstance(given, AltitudeParameters):
+            if given.low == 0.0 and given.high is None:
+                yield file.problem(path, "nothing is less than 0: it cannot fail", key=True)
         elif isinstance(given, ModesParameters):
             if given.max_changes is None and set(given.allowed) >= set(get_args(ModeName)):
                 yield file.problem((*path, "allowed"), "names every mode: it cannot fail")

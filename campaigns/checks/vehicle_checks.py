@@ -59,7 +59,7 @@ def _pair_problems(files: CaseFiles, case: Case) -> Iterator[Problem]:
     """Yield real and twin vehicles that share a system id or an address."""
     real, twin = case.vehicles["real"], case.vehicles["twin"]
     if twin.coupling == "placed":
-        yield from _placed_problems(files, twin)
+        yield from _placed_problems(files, case, twin)
         return
     foreign = case.under_test.foreign
     if twin.coupling == "shadow" and foreign is not None and case.under_test.has_runner:
@@ -91,12 +91,16 @@ def _shared_links(
             yield files.campaign.problem((*vehicle.path, key), message)
 
 
-def _placed_problems(files: CaseFiles, twin: VehicleSetup) -> Iterator[Problem]:
-    """Yield sensors of a placed twin that measure a flight, which such a twin does not have."""
+def _placed_problems(files: CaseFiles, case: Case, twin: VehicleSetup) -> Iterator[Problem]:
+    """Yield what a placed twin does not have: sensors that measure a flight, a pose source."""
     for sensor in twin.sensors:
         if (options := options_of(sensor, SensorOptions)) and options.embedded_only:
             message = f"a placed twin does not fly: it has no {sensor.kind}; write coupling: follow"
             yield files.campaign.problem(("vehicles", "twin", "sensors", sensor.name), message)
+    for fault in case.faults:
+        if fault.vehicle == "twin" and fault.sensor is None:
+            message = "a placed twin does not fly: its pose is the real vehicle's; remove this"
+            yield files.campaign.problem(("faults", "twin", "pose_source"), message, key=True)
 
 
 def _spare_problems(files: CaseFiles, vehicle: VehicleSetup) -> Iterator[Problem]:

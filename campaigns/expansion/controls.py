@@ -7,7 +7,6 @@ from functools import partial
 from wil_campaign.campaigns.expansion.case_reader import collect_problems
 from wil_campaign.campaigns.schema import CampaignPart, Mode
 from wil_campaign.campaigns.schema.controls import ControlPart
-from wil_campaign.campaigns.schema.vehicles import VEHICLES
 from wil_campaign.campaigns.setup.case_files import CaseFiles, case_files
 from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.campaigns.setup.overrides import Override, overrides_at, overrides_of_case
@@ -25,21 +24,17 @@ _SHORTEST = 3
 """Least number of letters of a word by which a cause is recognised."""
 
 
-def expectation(part: CampaignPart, control: ControlPart) -> Expectation:
+def expectation(part: CampaignPart, control: ControlPart, setup: Case) -> Expectation:
     """Return the expected end of a control run, and the case that the control changes."""
     case = control.case or next(iter(part.cases))
     expect = control.expect
-    return Expectation(case, expect.verdict, expect.oracle, _cause(part, control))
+    return Expectation(case, expect.verdict, expect.oracle, _cause(expect.cause, setup))
 
 
-def _cause(part: CampaignPart, control: ControlPart) -> str | None:
+def _cause(cause: str | None, setup: Case) -> str | None:
     """Return the text in a control's reason, with the pose sources that its vehicles have."""
-    cause = control.expect.cause
-    for name in VEHICLES if cause is not None else ():
-        vehicle = getattr(part.vehicles, name)
-        if cause is not None and vehicle is not None:
-            given = control.set_.get(f"vehicles.{name}.pose_source", vehicle.poses_from)
-            cause = cause.replace(f"{{{name}.pose_source}}", str(given))
+    for name, vehicle in setup.vehicles.items() if cause is not None else ():
+        cause = cause and cause.replace(f"{{{name}.pose_source}}", vehicle.pose_source)
     return cause
 
 

@@ -20,7 +20,11 @@ from wil_campaign.campaigns.expansion.controls import (
     modes_of,
 )
 from wil_campaign.campaigns.expansion.omissions import as_required, left_out, set_texts
-from wil_campaign.campaigns.expansion.requirements import required_shares, unknown_published
+from wil_campaign.campaigns.expansion.requirements import (
+    required_shares,
+    unflown_firmware,
+    unknown_published,
+)
 from wil_campaign.campaigns.schema import DEFAULT_CASE, CampaignPart, Mode, campaign_model
 from wil_campaign.campaigns.schema.bench import BenchRequestPart
 from wil_campaign.campaigns.schema.between_runs import BetweenRunsPart
@@ -44,6 +48,8 @@ from wil_campaign.foundation.files.documents import (
     parse_value,
 )
 from wil_campaign.foundation.files.paths import is_file
+from wil_campaign.hooks import operator_channels
+from wil_campaign.installed_plugins import added
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,7 +203,7 @@ def load_campaign(path: Path, options: Options | None = None) -> Campaign:
         {name: _warnings(part, name, files[name], setups[name]) for name in selected.names},
         selected.cases,
     )
-    warnings += control_warnings(read.document, part)
+    warnings += [*control_warnings(read.document, part), *_idle_operator(read.document, part)]
     required = as_required(original, read.document, part, options.composition)
     flown = {*selected.runs, *((plan.case, plan.mode) for plan in selected.controls)}
     return Campaign(
@@ -274,6 +280,7 @@ def _select(read: _Read, options: Options) -> _Selected:
     mode_names = _select_cases("--mode", options.modes, tuple(part.modes), problems)
     shares = required_shares(read.original, read.document, part, problems)
     problems += unknown_published(read.document, part)
+    problems += unflown_firmware(read.document, part, read.setups)
     operators = {
         name: channel.setup(read.document, part.operator, problems)
         for name, channel in part.operator.channels.items()
@@ -322,6 +329,14 @@ def _warnings(part: CampaignPart, name: str, file: CaseFiles, setup: Case) -> It
     modes = tuple(part.modes) if control is None else modes_of(part, control)
     yield from case_warnings(file, setup, modes)
     yield from import_warnings(file, setup)
+
+
+def _idle_operator(base: Document, part: CampaignPart) -> Iterator[Problem]:
+    """Yield a warning for what is done on the loss of operators that the campaign does not have."""
+    operator = part.operator
+    if operator.on_operator_loss != "continue" and not operator.channels:
+        message = f"never acts: no channel of operators ({', '.join(added(operator_channels))})"
+        yield base.problem(("operator", "on_operator_loss"), message)
 
 
 def _option_overrides(options: Options) -> tuple[Override, ...]:
@@ -422,7 +437,7 @@ def _controls(read: _Read, options: Options) -> Iterable[RunPlan]:
     """
     part = read.part
     for name, control in part.controls.items():
-        expected = expectation(part, control)
+        expected = expectation(part, control, read.setups[name])
         seed = run_seed(part.seed, expected.case, 1)
         for mode in modes_of(part, control):
             yield RunPlan(

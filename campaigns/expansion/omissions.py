@@ -41,6 +41,11 @@ def left_out(
         for mode in modes_of(required, control)
         if (name, mode) not in chosen
     ]
+    left += [
+        f"firmware {version} of {name}"
+        for name, version in required.wanted_firmware.items()
+        if part.wanted_firmware.get(name) != version
+    ]
     left += [f"the oracle {name}" for name in required.oracles if name not in part.oracles]
     return tuple(left)
 

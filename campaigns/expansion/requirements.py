@@ -1,9 +1,11 @@
 """Requirements of a campaign: the required shares of `accept`, and cases of published counts."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from wil_campaign.campaigns.schema import CampaignPart
+from wil_campaign.campaigns.setup.case_setup import Case
 from wil_campaign.campaigns.values.acceptance import DECIDED, Share, parse_share
+from wil_campaign.campaigns.values.wanted_firmware import FIRMWARE
 from wil_campaign.foundation.files.documents import Document, Problem, closest
 
 
@@ -14,6 +16,17 @@ def unknown_published(base: Document, part: CampaignPart) -> Iterator[Problem]:
             message = f"published names an unknown case '{case}'"
             path = ("published", "passed", case)
             yield base.problem(path, message, closest(case, part.cases), key=True)
+
+
+def unflown_firmware(
+    base: Document, part: CampaignPart, setups: Mapping[str, Case]
+) -> Iterator[Problem]:
+    """Yield the versions that `accept` requires of vehicles that fly in no mode."""
+    flown = {name for case in setups.values() for mode in part.modes for name in case.flying(mode)}
+    for name in part.wanted_firmware:
+        if name not in flown:
+            message = f"no mode flies '{name}': its version is never checked"
+            yield base.problem(("accept", FIRMWARE, name), message, key=True)
 
 
 def required_shares(

@@ -85,6 +85,9 @@ class ActorPart(Part):
         elif self.geofence is None:
             message = "an attached actor may be hardware and needs a `geofence` of its own"
             raise KeyFaultError("link", message)
+        if self.telemetry.max_gap_s is not None:
+            message = "has no effect on an actor; write max_silence_s"
+            raise KeyFaultError(("telemetry", "max_gap_s"), message)
         if self.link == "embedded" and self.pose_source == "mavlink":
             message = "an embedded actor always moves its object by its ground truth; remove it"
             raise KeyFaultError("pose_source", message)

@@ -27,6 +27,8 @@ class LimitsPart(Part):
 
     @model_validator(mode="after")
     def _some_room(self) -> Self:
+        if self.up_m is None and not self.inside_geofence and "keep_m" in self.model_fields_set:
+            raise KeyFaultError("keep_m", "has no effect without up_m or inside_geofence: true")
         if self.up_m is not None:
             low, high = self.up_m
             if low >= high:

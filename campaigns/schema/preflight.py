@@ -18,7 +18,7 @@ class OwnFencePart(Part):
 
 
 class GpsCheckPart(Part):
-    """The preflight's GPS check, for a vehicle whose poses are its own estimates.
+    """The preflight's GPS check, for a vehicle without motion capture.
 
     min_satellites, max_hdop: by default what both autopilots require (EKF2_REQ_NSATS; ArduPilot's
     GPS_HDOP_GOOD is stricter).

@@ -40,6 +40,7 @@ _ONLY_FOR: dict[str, tuple[SourceKind, ...]] = {
     "transport": ("rtsp",),
     "format": ("v4l2",),
     "topic": ("mcap",),
+    "latency_ms": ("rtsp", "rtp", "v4l2", "images", "video", "mcap"),
     "answer_ms": ("simulator",),
     "stall_s": ("rtsp", "rtp", "v4l2"),
     "open_s": ("rtsp", "rtp", "v4l2", "simulator"),
@@ -80,22 +81,26 @@ class SourcePart(Part):
             raise KeyFaultError(
                 "address", f"'{self.address}': the known schemes are {known}, and files"
             )
-        if self._scheme() is None:
-            return self  # a file's kind is known only when its folder is
-        for key, kinds in _ONLY_FOR.items():
-            if key in self.model_fields_set and self._scheme() not in kinds:
-                raise KeyFaultError(key, f"has no effect on a source of {self._scheme()}")
+        if (kind := self._scheme()) is not None:  # a file's is known only when its folder is
+            self._require_effect(kind)
         return self
+
+    def _require_effect(self, kind: SourceKind) -> None:
+        """Refuse keys without effect on a kind of image source. Raises KeyFaultError."""
+        for key, kinds in _ONLY_FOR.items():
+            if key in self.model_fields_set and kind not in kinds:
+                raise KeyFaultError(key, f"has no effect on a source of {kind}")
 
     def setup(self, folder: Path, *, latency_s: float) -> SourceSetup:
         """Return the setup of an external source; its files are relative to a folder.
 
         latency_s: of the calibration, where none is given here. Raises KeyFaultError for a missing
-        file, and for a kind of source whose plugin is not installed.
+        file, a key without effect, and a kind of source whose plugin is not installed.
         """
         kind, address = self._scheme(), self.address
         if kind is None or address.endswith(".sdp"):
             kind, address = _file(folder, address)
+            self._require_effect(kind)
         if kind in (missing := absent(image_sources)):
             raise KeyFaultError("address", missing[kind])
         return SourceSetup(

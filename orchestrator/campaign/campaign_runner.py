@@ -447,9 +447,12 @@ class _Flight:
 
         Until it ends again the run has no result, and a sequential test waits for it.
         """
-        # With hardware a person inspects the vehicle before a retry.
-        alone = not self._cleared.hardware and self._campaign.between is None
-        retries = order.plan.retries if alone else 0
+        # With hardware a person inspects the vehicle before a retry, or puts it back.
+        setup = self._campaign.setups[order.plan.case]
+        is_put_back = self._campaign.between is not None and any(
+            flown.attached is not None for flown in setup.flown_in(order.plan.mode)
+        )
+        retries = 0 if self._cleared.hardware or is_put_back else order.plan.retries
         is_due = retry_due(result, retries=retries)
         if retries and result.no_retry:
             self._say(f"{order.plan.name}: {result.verdict}, not flown again: {result.no_retry}")

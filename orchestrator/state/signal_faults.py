@@ -6,6 +6,7 @@ from typing import TypeVar, cast
 
 from wil_campaign.campaigns.values.signal_faults import SignalFault
 from wil_campaign.orchestrator.state.run_state import RunState, Stage
+from wil_campaign.safety.model.verdict import NEVER_BEGAN
 from wil_campaign.vehicles.cameras.rendered_cameras import NoImageError
 from wil_campaign.vehicles.driver.vehicle_state import EstimateSample
 from wil_campaign.vehicles.faults import FaultKind, FaultySignal, Restamp
@@ -42,7 +43,10 @@ def restamp_estimate(last: EstimateSample, new: EstimateSample) -> EstimateSampl
 
 
 class SignalFaults:
-    """The injected faults of one run. note: called with a text when one begins or ends."""
+    """The injected faults of one run. note: called with a text when one begins or ends.
+
+    A run that ends before one of them has begun, and is decided by nothing else, is INVALID.
+    """
 
     def __init__(
         self,
@@ -52,9 +56,11 @@ class SignalFaults:
         note: Callable[[str], None],
     ) -> None:
         self._faults = tuple(faults)
+        self._run_state = run_state
         self._note = note
         self._signals: dict[tuple[str, str | None], FaultySignal[object]] = {}
         self._begun: set[Stage] = set()
+        self._injected: set[SignalFault] = set()
         run_state.on_stage(self._begin_stage)
 
     def signal(
@@ -68,6 +74,8 @@ class SignalFaults:
         return cast("FaultySignal[T]", signal)
 
     def _begin_stage(self, stage: Stage, _: float) -> None:
+        if stage == "end":
+            self._require_all()
         if stage in self._begun:
             return
         self._begun.add(stage)
@@ -80,8 +88,16 @@ class SignalFaults:
             if fault.for_s is not None:
                 loop.call_later(fault.after_s + fault.for_s, self._set_fault, fault, signal, None)
 
+    def _require_all(self) -> None:
+        """Decide the run as INVALID where a fault never began: a PASS would claim that it did."""
+        never = next((fault for fault in self._faults if fault not in self._injected), None)
+        if never is not None and not self._run_state.decisive:
+            reason = f"an injected fault never began: {never}"
+            self._run_state.decide("INVALID", reason, source=NEVER_BEGAN, ends_flight=False)
+
     def _set_fault(
         self, fault: SignalFault, signal: FaultySignal[object], kind: FaultKind | None
     ) -> None:
         signal.fault = kind
+        self._injected.add(fault)
         self._note(f"{'ended' if kind is None else 'begun'}: {fault}")

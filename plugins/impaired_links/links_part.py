@@ -113,6 +113,14 @@ class LinkPart(WayPart):
     from_vehicle: WayPart | None = None
     blackouts: list[OutagePart] = Field(default_factory=list)
 
+    @model_validator(mode="after")
+    def _applies_to_a_way(self) -> Self:
+        """Refuse impairments of both directions of a link where each has its own."""
+        if self.to_vehicle is not None and self.from_vehicle is not None:
+            for key in WayPart.model_fields.keys() & self.model_fields_set:
+                raise KeyFaultError(key, "to_vehicle and from_vehicle replace this; remove it")
+        return self
+
     def setup(self) -> LinkSetup:
         """Return the impairments of a vehicle's link."""
         fixed = tuple(

@@ -67,7 +67,10 @@ def _injection(
         if name not in injection.to:
             continue
         vehicle = case.vehicles[name]
-        yield from _missing_sensors(files, path, vehicle, injection)
+        missing = list(_missing_sensors(files, path, vehicle, injection))
+        yield from missing
+        if mode == "wil" and not missing:
+            yield from _unmixed_sensor(files, case, path, vehicle, injection)
         for reason in unsupported_injection(vehicle.autopilot, injection.thing):
             message = f"'{name}' ({vehicle.autopilot}) would ignore it: {reason}"
             yield files.campaign.problem(path, message, key=True)
@@ -80,6 +83,17 @@ def _injection(
         elif thing not in scene:
             message = f"'{thing}' is not in {judged_world(mode)} in mode {mode}"
             yield files.campaign.problem(at, message)
+
+
+def _unmixed_sensor(
+    files: CaseFiles, case: Case, path: Path, vehicle: VehicleSetup, injection: InjectionSetup
+) -> Iterator[Problem]:
+    """Yield an injection's sensor that the recipe does not mix for a vehicle."""
+    combinations = () if case.recipe is None else case.recipe.combinations
+    mixed = {one.sensor.name for one in combinations if vehicle.name in one.publish}
+    if injection.sensor is not None and injection.sensor not in mixed:
+        message = f"the recipe mixes no '{injection.sensor}' for '{vehicle.name}'"
+        yield files.campaign.problem((*path, "sensor"), message, closest(injection.sensor, mixed))
 
 
 def _missing_sensors(

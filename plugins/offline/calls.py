@@ -20,7 +20,7 @@ from wil_campaign.plugins.offline.replay import ReplayReport
 from wil_campaign.plugins.offline.replay import replay as replay_recording
 from wil_campaign.recipes.language.recipe_files import load_recipe_file
 from wil_campaign.vehicles.readings import BgrImage, CameraReading
-from wil_campaign.worlds.frames import AT_ORIGIN, Pose
+from wil_campaign.worlds.frames import Pose
 
 _VIDEO_HZ = 30.0
 
@@ -57,7 +57,7 @@ def mix(
         twin=_side("--twin-fov-deg", twin, twin_fov_deg, twin_depth),
         out=Path(out),
         sensor=sensor,
-        place=AT_ORIGIN if place is None else _place(place),
+        place=None if place is None else _place(place),
         stages=None if stages is None else Path(stages),
         frame=frame,
     )

@@ -51,8 +51,8 @@ class SideFiles:
 class MixOrder:
     """The files to mix. sensor: None for the recipe's first camera, or for all recorded.
 
-    place: of the camera where the twin is a world. stages: the file for the contact sheet of
-    mixture number `frame`.
+    place: of the camera where the twin is a world; by default its origin. stages: the file
+    for the contact sheet of mixture number `frame`.
     """
 
     recipe: Recipe
@@ -60,7 +60,7 @@ class MixOrder:
     twin: SideFiles
     out: Path
     sensor: str | None = None
-    place: Pose = AT_ORIGIN
+    place: Pose | None = None
     stages: Path | None = None
     frame: int = 0
 
@@ -193,6 +193,13 @@ class _Inputs:
             raise OfflineError(
                 "the real side is an image and the twin's a video: give two images or two videos"
             )
+        for option, given, kind, kinds in (
+            ("--place", order.place, twin, {"image", "video", "recording"}),
+            ("--twin-depth", order.twin.depth, twin, {"world", "recording"}),
+            ("--real-depth", order.real.depth, real, {"recording"}),
+        ):
+            if given is not None and kind in kinds:
+                raise OfflineError(f"{option}: has no effect on this kind of input, {kind}")
         self._world = World.parse(load(order.twin.file)) if twin == "world" else None
         self.objects: Mapping[str, int] = {}
         if self._world is not None:
@@ -215,7 +222,8 @@ class _Inputs:
             return StreamedTwins(found, partial(mixer.offer, "twin"))
         if self._world is not None:
             optics = Optics(side.fov_deg)
-            camera = WorldCamera(world=self._world, pose=self._order.place, optics=optics)
+            pose = self._order.place or AT_ORIGIN
+            camera = WorldCamera(world=self._world, pose=pose, optics=optics)
             return DrawnTwins(camera.reading)
         if kind == "image":
             return HeldTwins(next(_image_inputs(side, True, "twin")))

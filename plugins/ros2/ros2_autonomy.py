@@ -55,6 +55,9 @@ class Ros2Autonomy(ForeignAutonomy):
         """Return a program or file that is missing, a wire that is not installed, no topics."""
         faults = self.part.faults(folder)
         found = [file.problem(("autonomy", self.kind, *fault.path), str(fault)) for fault in faults]
+        limit = ("autonomy", "limits", "memory_mb")
+        if file.get(limit) is not None:
+            found.append(file.problem(limit, "has no effect with a ROS 2 node", key=True))
         if find_spec("rosbags") is None:  # whose types the topics have: a problem says so
             return found
         return [*found, *self._px4_problems(file, folder), *self._unknown(file)]

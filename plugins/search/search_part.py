@@ -30,8 +30,8 @@ class ParameterPart(Part):
     def _one_kind(self) -> Self:
         """Require either limits, the lower one below the upper one, or choices."""
         if self.choices is not None:
-            for name, key in (("from_", "from"), ("to", "to"), ("integer", "integer")):
-                if name in self.model_fields_set:
+            for key in ("from", "to", "integer", "steps"):
+                if {key, f"{key}_"} & self.model_fields_set:
                     raise KeyFaultError(key, "has no effect with choices")
             return self
         if self.from_ is None or self.to is None:

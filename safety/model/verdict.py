@@ -12,6 +12,9 @@ from wil_campaign.worlds.figures import distinct_text
 GOAL_TIMEOUT = "goal"
 """The source of the event that the autonomy was not done within the time of its goal."""
 
+NEVER_BEGAN = "faults"
+"""The source of the event that an injected fault never began: any other event counts before it."""
+
 PARTS = (
     *("actor", "autonomy", "contact", "evidence", "guard", "machine", "operator", "sync", "video"),
 )
@@ -136,7 +139,8 @@ def _rank(
     losses: when each lost vehicle was reported as lost, by the source of that event.
     """
     # NaN must not make the order depend on the previous order.
-    at_s = math.inf if math.isnan(event.t_s) else event.t_s
+    is_last = math.isnan(event.t_s) or event.source == NEVER_BEGAN
+    at_s = math.inf if is_last else event.t_s
     if event.source.startswith("evidence/"):
         lost_s = losses.get(f"guard.lost/{event.source.rpartition('/')[2]}", -math.inf)
         if lost_s - _LOSS_S <= at_s <= lost_s:

@@ -153,6 +153,8 @@ class WorldReader:
         """Return an object's shape with its texture, if the world file names one."""
         if model.texture is None:
             return shape
+        if model.color is not None:
+            self._note((*at, "color"), "the texture has its own colours; give one of the two")
         path = self._folder / model.texture
         try:
             return shape.textured(load_texture(path))

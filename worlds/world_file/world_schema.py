@@ -232,6 +232,8 @@ class StartModel(FilePart):
         """Require either a time or an event for a world file's motion start."""
         if (self.at_s is None) == (self.on is None):
             raise ValueError("a motion's start needs either 'at_s' or 'on'")
+        if self.at_s is not None and "delay_s" in self.model_fields_set:
+            raise KeyFaultError("delay_s", "counts from an event; at_s is given already")
         return self
 
 

@@ -252,8 +252,9 @@ def _lateness(setup: RunSetup, run_state: RunState) -> MachineLateness | None:
 
 def _signal_faults(ground: GroundParts, pair: Pair) -> SignalFaults:
     """Return the run's signal faults, injected into the pair's pose sources."""
+    names = {vehicle.name for vehicle in ground.setup.with_sensors}
     faults = SignalFaults(
-        ground.setup.case.faults,
+        [fault for fault in ground.setup.case.faults if fault.vehicle in names],
         run_state=ground.run_state,
         note=lambda text: ground.recorder.note("fault injected", fault=text),
     )

@@ -13,6 +13,8 @@ from wil_campaign.recipes.visibility.coverage import uncovered
 STALLED_S = 1.0
 """Shortest time without a mixture after which the run is INVALID."""
 _STALLED_PERIODS = 3.0
+_DUE_PERIODS = 2.0
+"""In so much time of a goal at least one mixture is delivered, however it begins in a period."""
 _SETTLE_S = 0.6
 """How long a breach waits before it counts, so that a lost vehicle shows as silent first."""
 
@@ -21,7 +23,12 @@ _SETTLE_S = 0.6
 class _WatchedMixing:
     loop: MixingLoop
     rate: RateWatch
-    stalled_s: float
+    period_s: float
+
+    @property
+    def stalled_s(self) -> float:
+        """Return the longest time without a mixture while the goal is flown."""
+        return max(STALLED_S, _STALLED_PERIODS * self.period_s)
 
 
 class MixingBudgetWatch:
@@ -42,9 +49,8 @@ class MixingBudgetWatch:
 
     def watch(self, loop: MixingLoop, period_s: float) -> None:
         """Watch a mixing loop's budget too. period_s: of its mixtures."""
-        stalled_s = max(STALLED_S, _STALLED_PERIODS * period_s)
         rate = RateWatch(loop.mixer.combination.budget)
-        self._watched[loop.name] = _WatchedMixing(loop, rate, stalled_s)
+        self._watched[loop.name] = _WatchedMixing(loop, rate, period_s)
 
     @property
     def loops(self) -> Sequence[MixingLoop]:
@@ -127,7 +133,22 @@ class MixingBudgetWatch:
                 watched.rate.start(t_s)
         elif self._run_state.reached("goal") and not self._is_over:
             self._is_over = True
+            self._check_delivery(t_s)
             self._check_visibility()
+
+    def _check_delivery(self, done_s: float) -> None:
+        """Check that mixtures were delivered, also in a flight too short to call it stalled."""
+        goal_s = self._run_state.entered_s["goal"]
+        for watched in self._watched.values():
+            if done_s - goal_s <= _DUE_PERIODS * watched.period_s:
+                continue
+            statistics = watched.loop.statistics
+            if (statistics.last_delivery_s or 0.0) < goal_s:
+                reason = "no mixed reading while the goal was flown"
+                if statistics.last_miss:
+                    reason += f": {statistics.last_miss}"
+                self._decide_invalid(f"mixing of {watched.loop.name}: {reason}")
+                return
 
     def _check_visibility(self) -> None:
         """Check after the goal's flight what all its mixtures showed."""

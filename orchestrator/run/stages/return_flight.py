@@ -21,7 +21,7 @@ def return_plan(plan: RunPlan) -> RunPlan:
 def return_setup(setup: RunSetup, path: ReturnPath) -> RunSetup:
     """Return the setup of a run's return flight, from where the vehicle stands.
 
-    It mixes nothing and has no external I/O; the guard applies the same fence.
+    It mixes nothing, has no external I/O and no injected faults; the guard applies the same fence.
     """
     north_m, east_m, _ = path.start.position_ned_m
     place = {"north_m": north_m, "east_m": east_m, "up_m": path.altitude_m}
@@ -41,6 +41,7 @@ def return_setup(setup: RunSetup, path: ReturnPath) -> RunSetup:
         oracles=(),
         record=RecordPart(),
         observers={},
+        faults=(),
     )
     return replace(
         setup,

@@ -40,6 +40,9 @@ class SubtractBackgroundParameters(SidedParameters):
             raise KeyFaultError(
                 "method", "method 'picture' needs the key 'picture', and only that method takes it"
             )
+        for key in ("history", "learn") if self.picture is not None else ():
+            if key in self.model_fields_set:
+                raise KeyFaultError(key, "has no effect with method: picture, which learns nothing")
         return self
 
     def faults(self, folder: FilePath) -> tuple[ParameterFault, ...]:

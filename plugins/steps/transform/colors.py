@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import cv2
 from pydantic import Field, model_validator
 
+from wil_campaign.foundation.files.documents import KeyFaultError
 from wil_campaign.plugins.steps.operations.photometry import (
     Correction,
     Corrector,
@@ -92,6 +93,12 @@ class MatchPhotometryParameters(SidedParameters):
             raise ValueError("one side is matched to the other: 'on' must be real or twin")
         if self.gains_bgr is not None and min(self.gains_bgr) <= 0:
             raise ValueError("gains_bgr must be positive")
+        for key, value, matched in (
+            ("noise_std_dn", self.noise_std_dn, self.noise),
+            ("blur_sigma_px", self.blur_sigma_px, self.blur),
+        ):
+            if value is not None and not matched:
+                raise KeyFaultError(key, f"has no effect with {key.partition('_')[0]}: false")
         return self
 
 

@@ -31,6 +31,11 @@ ONE_PLACE = [
         "a placed twin does not fly: it has no imu; write coupling: follow",
     ),
     (
+        "  large: {}",
+        "  large: {vehicles.twin.coupling: placed,faults.twin: {@pose_source: {stop: {on: land}}}}",
+        "a placed twin does not fly: its pose is the real vehicle's",
+    ),
+    (
         "start: {north_m: 0, east_m: 0}",
         "start: {@north_ft: 0, east_m: 0}",
         "unknown key 'north_ft'; did you mean 'north_m'?",
@@ -88,7 +93,13 @@ ONE_PLACE = [
     ("up_m: [-0.5, 2.3]", "up_m: @[2.3]", "has too few entries (1)"),
     ("seed: 7", "limits: {@speed: 1}\nseed: 7", "unknown key 'speed'; did you mean 'speed_m_s'?"),
     ("seed: 7", "limits: {speed_m_s: @0}\nseed: 7", "must be greater than 0, is 0"),
+    (
+        "  large: {}",
+        "  large: {limits: {up_m: [0, 1.4]}, goal.altitude_m: @1.2}",
+        "is not within limits.up_m [0, 1.4] by keep_m 0.3",
+    ),
     ("seed: 7", "limits: {up_m: @[2, 1]}\nseed: 7", "must be [low, high], is [2, 1]"),
+    ("seed: 7", "limits: {speed_m_s: 1, keep_m: @2}\nseed: 7", "has no effect without up_m or in"),
     ("seed: 7", "limits: {up_m: @[0, 0.5]}\nseed: 7", "leaves no room: keep_m, 0.3 m, counts from"),
     ("seed: 7", "operator: {gcs: {real: @14550}}\nseed: 7", "must be text, is 14550"),
     ("seed: 7", "operator: {gcs: {real: @'memory://'}}\nseed: 7", "memory:// connects to nothing"),

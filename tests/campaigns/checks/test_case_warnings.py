@@ -32,6 +32,41 @@ def test_a_good_campaign_is_not_warned_of(files: Any) -> None:
     assert files.load().caveats == ()
 
 
+def test_what_is_of_a_vehicle_that_no_mode_flies_is_warned_of(files: Any) -> None:
+    files.change("  geofence:\n", "  geofence:\n  low: {use: altitude, max_m: 2, vehicle: real}\n")
+    files.change("  geofence:\n", "  geofence:\n  twin_divergence: {max_m: 1}\n")
+    files.append("faults: {real: {pose_source: {stop: {on: goal}}}}\n")
+    files.append("links: {real: {loss: 0.1}, twin: {loss: 0.1}}\n")
+    assert warned(files) == []
+    files.change("modes: [sim, wil]", "modes: [sim]")
+    files.change("{sim: 3/3, wil: 2/3}", "{sim: 3/3}")
+    assert [one.partition(": ")[2] for one in warned(files)] == [
+        "'twin_divergence' judges a pair, and mode wil is not flown: it judges nothing",
+        "'low' judges 'real', which no mode flies: it judges nothing",
+        "no mode flies 'real': faults.real has no effect",
+        "no mode flies 'real': links.real has no effect",
+    ]
+    assert len(files.load().caveats) == 5
+
+
+def test_an_action_on_the_loss_of_operators_that_there_are_not_is_warned_of(files: Any) -> None:
+    files.append("operator: {on_operator_loss: abort}\n")
+    (told,) = warned(files)
+    assert told.endswith("never acts: no channel of operators (mqtt)")
+    given = files.load(sets=("operator.mqtt={broker: mqtt://localhost}",))
+    assert given.warnings == ()
+
+
+def test_a_link_to_a_placed_twin_is_warned_of(files: Any) -> None:
+    files.change("autopilot: ardupilot\n", "autopilot: ardupilot\n    coupling: placed\n")
+    files.append("links: {twin: {loss: 0.1}}\n")
+    assert warned(files) == []
+    files.change("modes: [sim, wil]", "modes: [wil]")
+    files.change("{sim: 3/3, wil: 2/3}", "{wil: 2/3}")
+    (told,) = warned(files)
+    assert told.endswith("no mode flies 'twin': links.twin has no effect")
+
+
 def test_a_vehicle_wider_than_the_usual_body_is_warned_of(files: Any) -> None:
     nominal = (Path(load_profile.__code__.co_filename).parent / "profiles/nominal.yaml").read_text()
     airframe = "".join(f"  {key}: {value}\n" for key, value in AIRFRAME_NUMBERS.items())
@@ -78,6 +113,8 @@ def test_a_parameter_without_effect_is_named(files: Any, params: str, names: lis
             ("collision: {}", f"{oracle}\n  collision: {{}}", said)
             for oracle, said in (
                 ("battery: {min_percent: 0}", "no battery is charged to less than 0 %"),
+                ("distance: {object: gate, min_m: 0}", "nothing is less than 0: it cannot fail"),
+                ("speed: {min_m_s: 0}", "nothing is less than 0: it cannot fail"),
                 ("link: {max_gap_s: 150}", "end each flight after 150 s: it cannot fail"),
                 ("estimator: {max_unsound_s: 150}", "end each flight after 150 s: it cannot fail"),
                 ("attitude: {max_tilt_deg: 180}", "no attitude is beyond 180 degrees"),

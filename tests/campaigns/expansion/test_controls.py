@@ -128,3 +128,5 @@ def test_a_cause_names_the_pose_source_that_its_vehicle_has(files: Any) -> None:
         "pose of real from simulator",
         "pose of twin from mavlink",
     ]
+    files.change("large: {}", "large: {vehicles.twin.pose_source: simulator}")
+    assert causes()[1] == "pose of twin from simulator"

@@ -127,6 +127,17 @@ def test_options_select_cases_and_modes(files: Any) -> None:
     ]
 
 
+def test_a_version_is_required_of_a_vehicle_that_flies(files: Any) -> None:
+    whole = "large: {sim: 3/3, wil: 2/3}"
+    files.change(whole, f'{whole}, firmware: {{real: "1.16", twin: "4.6"}}')
+    assert files.load().left_out == ()
+    fewer = (f'accept={{{whole}, firmware: {{twin: "4.6"}}}}',)
+    assert files.load(sets=fewer).left_out == ("firmware 1.16 of real",)
+    placed = ("vehicles.twin.coupling=placed", "modes=[wil]", "accept.large={wil: 2/3}")
+    with pytest.raises(BadInput, match="no mode flies 'twin': its version is never checked"):
+        files.load(sets=placed)
+
+
 def test_required_runs_that_options_omit_are_reported(files: Any) -> None:
     assert files.load().left_out == ()
     assert files.load(cases=("large",), repetitions=6).left_out == ()

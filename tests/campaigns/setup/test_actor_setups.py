@@ -36,6 +36,7 @@ def test_an_actor_starts_where_its_object_stands_and_has_its_motion() -> None:
         (("actors.intruder.system_id=2",), "'twin' also has system id 2"),
         (("actors.intruder.params={NO_SUCH: 1}",), "has no parameter 'NO_SUCH'"),
         (("actors.intruder.profile=nowhere",), "nowhere"),
+        (("actors.intruder.telemetry.max_gap_s=1",), "has no effect on an actor; write max_silen"),
         ((f"{MOTION}.loop=true",), "repeats for ever"),
         ((f"{MOTION}.waypoints.0.north_m=2.0",), "is not above its start"),
         ((f"{MOTION}.waypoints.0.up_m=0.2",), "is not above its start"),

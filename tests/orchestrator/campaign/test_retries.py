@@ -139,7 +139,9 @@ def test_each_part_of_a_composition_has_the_retries_of_its_own_file(
     one = write_hover(tmp_path)
     text = one.read_text().replace("repetitions: 2", "repetitions: 1") + "description: INVALID\n"
     one.write_text(text)
-    (tmp_path / "other.yaml").write_text(text + "retries: 2\n")
+    # Nobody has to put an embedded vehicle back, whatever the file says of attached ones.
+    (tmp_path / "other.yaml").write_text(text + "retries: 2\nbetween_runs: ask\n")
+    one.write_text(text + "between_runs: ask\n")
     whole = tmp_path / "both.yaml"
     whole.write_text(COMPOSED)
     outcome = fly(whole)

@@ -379,11 +379,14 @@ def test_a_person_puts_an_attached_actor_back_where_it_flew(
 
 
 def test_nothing_flies_back_with_an_actor_beside_it(tmp_path: Path) -> None:
-    sets = ("actors={intruder: {link: embedded, autopilot: px4}}", "controls={}")
+    faults = "faults={real: {pose_source: {stop: {on: goal}}}}"
+    sets = ("actors={intruder: {link: embedded, autopilot: px4}}", "controls={}", faults)
     campaign = load_campaign(
         ROOT / "campaigns" / "avoid.yaml", Options(cases=("fast",), modes=("real",), sets=sets)
     )
     order = RunOrder(plan=campaign.runs[0], folder=tmp_path, clock="virtual")
     setup = RunSetup.of(order)
     assert [one.name for one in setup.guarded] == ["real", "intruder"]
-    assert [one.name for one in return_setup(setup, way()).guarded] == ["real"]
+    back = return_setup(setup, way())
+    assert [one.name for one in back.guarded] == ["real"]
+    assert (len(setup.case.faults), back.case.faults) == (1, ())

@@ -100,3 +100,35 @@ def test_a_sensor_that_is_asked_and_has_stopped_gives_no_image() -> None:
             await sensor.ask(AT_ORIGIN, 4.0)
 
     asyncio.run(ask())
+
+
+@pytest.mark.parametrize(
+    ("sensor", "after_s", "is_decided", "begins"),
+    [
+        ("range", 1.0, False, True),
+        ("range", 9.0, False, False),
+        ("unread", 1.0, False, False),
+        ("range", 9.0, True, True),
+    ],
+)
+def test_a_run_whose_fault_never_began_is_invalid(
+    sensor: str, after_s: float, is_decided: bool, begins: bool
+) -> None:
+    async def fly() -> list[str]:
+        run_state = RunState(time=asyncio.get_running_loop().time)
+        fault = SignalFault(
+            vehicle="real", sensor=sensor, kind="stop", stage="goal", after_s=after_s
+        )
+        faults = SignalFaults([fault], run_state=run_state, note=lambda _: None)
+        faults.signal("real", "range", restamp_reading)
+        run_state.enter("goal")
+        await asyncio.sleep(5.0)
+        if is_decided:
+            run_state.decide("FAIL", "a contact")
+        run_state.enter("end")
+        return [f"{event.kind}: {event.text}" for event in run_state.decisive]
+
+    never = f"INVALID: an injected fault never began: the sensor {sensor} of real stops"
+    decided = run_virtual(fly())
+    assert decided == ["FAIL: a contact"] if is_decided else len(decided) == (not begins)
+    assert all(one.startswith((never, "FAIL")) for one in decided)

@@ -60,6 +60,7 @@ def test_an_outage_may_wait_for_a_stage(files: Any) -> None:
         ("{blackouts: [{from_s: 1, after_s: 2, for_s: 3}]}", "counts from a stage"),
         ("{blackouts: [{on: flight, for_s: 3}]}", "must be takeoff, at_height, goal, done or land"),
         ("{bandwidth_kbit_s: 0}", "must be greater than 0"),
+        ("{loss: 0.5, to_vehicle: {}, from_vehicle: {}}", "to_vehicle and from_vehicle replace"),
     ],
 )
 def test_a_wrong_link_condition_is_reported_at_its_place(files: Any, link: str, said: str) -> None:

@@ -12,6 +12,11 @@ def test_obstacles_for_px4_are_refused_before_anything_is_there(files: Files) ->
     files.change(REAL, REAL + lidar)
     files.change(TWIN, TWIN + lidar)
     files.append("inject: {obstacle_distance: {sensor: lidar}}\n")
+    unmixed = [f"the recipe mixes no 'lidar' for '{name}'" for name in ("real", "twin")]
+    assert [one for one in unmixed if any(one in fault for fault in files.faults())] == unmixed
+    files.change("sensors: {camera", "sensors: {lidar: {type: lidar}, camera", file="recipe.yaml")
+    mixed = "combine:\n  - {sensor: lidar, merge: {aggregate: {by: min}}}\n"
+    files.change("combine:\n", mixed, file="recipe.yaml")
     (fault,) = files.faults()
     assert "'real' (px4) would ignore it: in mode OFFBOARD" in fault
     assert "fly in POSCTL" in fault

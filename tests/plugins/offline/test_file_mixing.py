@@ -103,6 +103,15 @@ def test_a_smaller_render_is_resized_by_the_recipe(here: Path) -> None:
     assert found[45, 55].tolist() == list(ORANGE)
 
 
+def test_options_without_effect_are_refused(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pictures = ("color.yaml", "photo.png", "small.png", "mixed.png")
+    assert mix(here, *pictures, "--place", "0,0,1.2") == 2
+    assert "--place: has no effect on this kind of input, image" in capsys.readouterr().err
+    drawn = ("objects.yaml", "photo.png", "world.yaml", "mixed.png")
+    assert mix(here, *drawn, "--twin-depth", str(here / "depth.npy")) == 2
+    assert "--twin-depth: has no effect on this kind of input, world" in capsys.readouterr().err
+
+
 def test_a_world_is_drawn_with_depth_and_names(here: Path) -> None:
     """Real things nearer than the gate hide it, farther ones do not."""
     depth = np.full((HEIGHT, WIDTH), 10.0, np.float32)

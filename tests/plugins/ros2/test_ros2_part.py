@@ -76,9 +76,10 @@ def test_faults_are_named_before_anything_starts(tmp_path: Path, text: str, faul
 
 
 def test_use_beside_a_node_is_refused(tmp_path: Path) -> None:
-    file = node_file(tmp_path, "{command: [sh]}, use: gate")
-    with pytest.raises(BadInput, match="has no effect with a ROS 2 node"):
-        load_campaign(file)
+    for beside in ("use: gate", "limits: {memory_mb: 100}"):
+        file = node_file(tmp_path, f"{{command: [sh]}}, {beside}")
+        with pytest.raises(BadInput, match="has no effect with a ROS 2 node"):
+            load_campaign(file)
 
 
 def test_a_node_has_a_rate_and_the_limit_of_a_call_and_is_not_built(tmp_path: Path) -> None:

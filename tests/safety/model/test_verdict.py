@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wil_campaign.safety.model.oracle_results import OracleResult
-from wil_campaign.safety.model.verdict import DecisiveEvent, DecisiveKind, decide
+from wil_campaign.safety.model.verdict import NEVER_BEGAN, DecisiveEvent, DecisiveKind, decide
 
 KINDS: tuple[DecisiveKind, ...] = ("ERROR", "INVALID", "FAIL", "ABORTED")
 
@@ -57,6 +57,12 @@ def test_a_required_oracle_fails_the_run_at_its_moment() -> None:
         (6.0, "ABORTED", "by hand"),
         (9.0, "FAIL", "later of real failed: 0.125 m against [open, 0.5] m"),
     ]
+
+
+def test_a_fault_that_never_began_hides_no_failure() -> None:
+    never = DecisiveEvent(9.0, "INVALID", "an injected fault never began", NEVER_BEGAN)
+    assert decide([never], [result("a", passed=True)], end_s=9).verdict == "INVALID"
+    assert decide([never], [result("a", passed=False)], end_s=9).verdict == "FAIL"
 
 
 def test_a_flag_is_not_reported_twice() -> None:

@@ -167,6 +167,12 @@ SMALL_ROOM = "{room: {size_north_m: 1, size_east_m: 1, height_m: 1}}"
         (MOVING + "[]}}", "[]", "at least 1", ""),
         (MOVING + f"[{LEG}], start: {{}}}}}}", "{}}}", "at_s", ""),
         (MOVING + f"[{LEG}], start: {{on: gaol}}}}}}", "gaol", "must be takeoff", "goal"),
+        (
+            MOVING + f"[{LEG}], start: {{at_s: 1, delay_s: 2}}}}}}",
+            "2}}}",
+            "counts from an event",
+            "",
+        ),
         (f"  r: {{shape: {SMALL_ROOM}, color: red}}", "red", "a room has its own textures", ""),
         (f"  r: {{shape: {SMALL_ROOM}, motion: {{waypoints: [{LEG}]}}}}", "{way", "not move", ""),
     ],
@@ -277,6 +283,8 @@ def test_a_texture_from_a_file(tmp_path: Path) -> None:
     assert problem.suggestion == "wood.png"
     (problem,) = faults(f"  gate: {GATE}, texture: text.png}}\n", tmp_path)
     assert "not a PNG, JPEG, BMP" in problem.message
+    (problem,) = faults(f"  gate: {GATE}, texture: wood.png, color: red}}\n", tmp_path)
+    assert "the texture has its own colours" in problem.message
 
 
 @pytest.mark.parametrize("above", ["", "parts/", "./parts/../", "{folder}/", "{folder}/parts/"])

@@ -678,6 +678,23 @@ def test_bad_mixing_before_the_goal_spoils_nothing() -> None:
 
 
 @pytest.mark.parametrize(
+    ("stop_s", "until_s", "is_good"), [(1.0, 1.9, 0), (1.2, 1.9, 1), (1, 1.2, 1)]
+)
+def test_a_short_flight_without_a_mixture_is_invalid(
+    stop_s: float, until_s: float, is_good: int
+) -> None:
+    async def feed(flight: Flight) -> None:
+        for k in range(round(stop_s * 10)):
+            flight.deliver(k * 0.1)
+        await goal_at(flight, 1.0, until_s)
+        flight.run_state.enter("done")
+
+    found = judged(BODY, feed).reason()
+    said = "mixing of s: no mixed reading while the goal was flown"
+    assert (found and found[:2]) == (None if is_good else ("INVALID", said))
+
+
+@pytest.mark.parametrize(
     ("limit", "stop_s", "said"),
     [
         ("max_skew_ms: 20", 3.0, "mixing of s: no mixed reading for more than 1 s"),

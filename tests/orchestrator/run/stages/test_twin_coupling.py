@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from tests.orchestrator.conftest import STEP
 from tests.orchestrator.flights import all_landed, log_of, rows_of
 from tests.orchestrator.run.flight.test_run import at_stage
 from wil_campaign.orchestrator.run.vehicles.pair import Pair
@@ -54,6 +55,14 @@ def test_a_slower_or_faster_twin_leaves_the_real_flight_as_it_is(
     assert 0.0 < result.twin.distance_max_m < near_m
     assert result.sync.t0_skew_s == pytest.approx(0.0, abs=0.001)
     assert all_landed(folder)
+
+
+def test_a_fault_of_a_placed_twins_camera_that_never_began_is_invalid(fly_run: Fly) -> None:
+    fault = "faults={twin: {sensors: {camera: {stop: {on: goal, after_s: 300}}}}}"
+    result, _ = fly_run(sets=(*STEP, "vehicles.twin.coupling=placed", fault))
+    assert result.reason == (
+        "an injected fault never began: the sensor camera of twin stops 300 s after stage goal"
+    )
 
 
 def test_nothing_flies_a_placed_twin(fly_run: Fly) -> None:

@@ -29,6 +29,7 @@ WRONG = [
     ("from: 0.8, to: 2.0", "from: 2, to: ^1", "must be above from"),
     ("from: 0.8, to: 2.0", "from: ^0.5, to: 2, integer: true", "must be a whole number"),
     ("from: 0.8, to: 2.0", "choices: ^[1.5]", "at least 2 entries"),
+    ("from: 0.8, to: 2.0, steps: 3", "choices: [1, 2], steps: ^3", "has no effect with choices"),
     ("objective: altitude", "objective: ^altitud", "did you mean 'altitude'?"),
     ("objective: altitude", "objective: ^landed", "judges an event and has no margin"),
     ("objective: altitude", "objective: [altitude, ^landed]", "has no margin"),

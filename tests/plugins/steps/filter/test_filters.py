@@ -250,3 +250,6 @@ def test_a_background_that_cannot_be_read_is_reported(tmp_path: Path) -> None:
         assert said in fault.message
     with pytest.raises(ValueError, match="needs the key 'picture'"):
         kind.parameters(method="mog2", picture="x.png")
+    for key in ("history", "learn"):
+        with pytest.raises(ValueError, match="has no effect with method: picture"):
+            kind.parameters(method="picture", picture="x.png", **{key: 9})

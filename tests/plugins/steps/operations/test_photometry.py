@@ -142,6 +142,8 @@ def test_nothing_is_matched_without_the_other_side() -> None:
         build("match_photometry")(Masked(reading(hall())), None)
     with pytest.raises(ValueError, match="on"):
         build("match_photometry", on="both")
+    with pytest.raises(ValueError, match="has no effect with noise: false"):
+        build("match_photometry", noise=False, noise_std_dn=3.0)
 
 
 @pytest.mark.parametrize("given_as", ["rgb", "hsv", "lab", "ycrcb"])
