@@ -16,6 +16,7 @@ from wil_campaign.campaigns.checks.magnitude_warnings import magnitude_warnings
 from wil_campaign.campaigns.checks.mixture_warnings import (
     nothing_isolated,
     unmixed_objects,
+    unmixed_sensors,
     wide_registration_limits,
 )
 from wil_campaign.campaigns.checks.place_checks import judged_world
@@ -73,6 +74,7 @@ def case_warnings(files: CaseFiles, case: Case, modes: tuple[Mode, ...]) -> Iter
     yield from _long_limits(files.campaign, case)
     if "wil" in modes:
         yield from unmixed_objects(files, case)
+        yield from unmixed_sensors(files, case)
     yield from limit_warnings(files.campaign, case)
     yield from magnitude_warnings(files, case)
 

@@ -87,6 +87,22 @@ def unmixed_objects(files: CaseFiles, case: Case) -> Iterator[Problem]:
             )
 
 
+def unmixed_sensors(files: CaseFiles, case: Case) -> Iterator[Problem]:
+    """Yield a warning for each sensor that shows a world and that no combination mixes.
+
+    An autonomy gets the real one's readings as they are, in which nothing virtual is.
+    """
+    if case.recipe is None or files.recipe is None:
+        return
+    if not virtual_only(case.world.scene("wil", "W"), case.world.scene("wil", "Wv")):
+        return
+    mixed = {one.sensor.name for one in case.recipe.combinations if "real" in one.publish}
+    for sensor in case.vehicles["real"].sensors if mixed else ():
+        if sensor.name not in mixed and traits_named(sensor.kind).visibility:
+            message = f"mixes no '{sensor.name}' for 'real': it is the real one, without what is"
+            yield files.recipe.problem(("combine",), f"{message} virtual", key=True)
+
+
 def _named_and_not_shown(
     recipe: Document, combinations: list[Combination], named: set[str]
 ) -> Iterator[Problem]:

@@ -250,6 +250,15 @@ def test_a_mixture_that_the_judged_vehicle_does_not_perceive_is_a_caveat(files: 
     assert warned(files) == []
 
 
+def test_a_sensor_that_shows_the_world_and_is_not_mixed_is_warned_of(files: Any) -> None:
+    files.change("mocap\n    sensors:\n", "mocap\n    sensors:\n      scan: {type: lidar}\n")
+    text = "mixes no 'scan' for 'real': it is the real one, without what is virtual"
+    assert warned(files) == [f"recipe.yaml:3:1: {text}"]
+    files.change("modes: [sim, wil]", "modes: [sim]")
+    files.change("{large: {sim: 3/3, wil: 2/3}}", "{large: {sim: 3/3}}")
+    assert warned(files) == []
+
+
 @pytest.mark.parametrize(("limit_px", "is_wide"), [("16", False), ("17", True), ("5000", True)])
 def test_a_limit_that_switches_registration_off_is_a_caveat(
     files: Any, limit_px: str, is_wide: bool
