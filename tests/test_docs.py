@@ -3,6 +3,7 @@
 import importlib
 import os
 import re
+import shlex
 import tomllib
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from docs import generate
 from tests.recipes.samples import camera, plain
 from wil_campaign.foundation.files import limits
 from wil_campaign.foundation.files.documents import BadInput, parse
-from wil_campaign.orchestrator.cli import all_commands
+from wil_campaign.orchestrator.cli import all_commands, build_app
 from wil_campaign.orchestrator.recording.trajectory import COLUMNS
 from wil_campaign.plugins.paper_xml.paper_xml import parse_paper_xml
 from wil_campaign.recipes.language.recipe_document import load_recipe
@@ -275,6 +276,32 @@ def test_the_page_of_commands_has_every_command_and_no_other() -> None:
     cells = [line.split(" | ")[0] for line in table.splitlines()[2:]]
     named = {word for cell in cells for word in re.findall(r"`(?:wil-campaign )?([a-z]+)", cell)}
     assert named == {name for name in all_commands() if " " not in name}
+
+
+def command_lines(page: Path) -> list[str]:
+    """Return the command lines of the program in the code blocks of a page, without its name."""
+    text = page.read_text("utf-8").replace("\\\n", "")
+    blocks = re.findall(r"(?ms)^ *```(?:sh|console)?\n(.*?)^ *```$", text)
+    found = re.findall(r"(?m)^ *(?:\$ )?wil-campaign (.+?)(?= && |$)", "".join(blocks))
+    return [line for line in found if "<" not in line]
+
+
+def table_commands() -> list[str]:
+    """Return the commands in the table of docs/commands.md, one of each choice."""
+    table = (DOCS / "commands.md").read_text("utf-8").partition("## Commands\n")[2]
+    cells = [line.split(" | ")[0] for line in table.partition("\n\n")[0].splitlines()[2:]]
+    found = [code for cell in cells for code in re.findall(r"`(?:wil-campaign )?(.+?)`", cell)]
+    return [code.partition("\\|")[0].replace("COMMAND", "abort") for code in found]
+
+
+def test_every_command_line_of_the_pages_is_one_of_the_program() -> None:
+    lines = [*table_commands(), *(line for page in PAGES for line in command_lines(page))]
+    assert len(lines) > 80
+    app = build_app()
+    for line in lines:
+        words = shlex.split(line, comments=True)
+        function, *_ = app.parse_args(words, exit_on_error=False, print_error=False)
+        assert callable(function), line
 
 
 def test_the_page_of_lists_has_every_limit() -> None:

@@ -1,4 +1,4 @@
-"""ArduPilot's ArduCopter 4.5 and later.
+"""ArduPilot's ArduCopter 4.3 and later.
 
 Modes: ArduCopter/mode.h (Mode::Number). Parameters: ArduCopter/Parameters.cpp and events.cpp.
 """

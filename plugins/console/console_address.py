@@ -17,6 +17,12 @@ class ConsoleError(LiveViewError):
     """A console cannot be opened; the message says why, and what to do."""
 
 
+class OptionError(ConsoleError):
+    """The address of a console, or the text of `--console`, is wrong."""
+
+    code = 2
+
+
 @dataclass(frozen=True, slots=True)
 class ConsoleAddress:
     """The address of a console. port 0: any free one. is_loopback: only this machine reaches it."""
@@ -28,12 +34,12 @@ class ConsoleAddress:
     def parse(cls, text: str, *, port: int = 0) -> "ConsoleAddress":
         """Return the address in HOST, HOST:PORT or :PORT; port: the default.
 
-        Raises ConsoleError.
+        Raises OptionError.
         """
         found = _ADDRESS.fullmatch(text)
         port = int((found and found["port"]) or port)
         if found is None or port > _MAX_PORT:
-            raise ConsoleError(f"{text!r} is not a console address: give HOST, :PORT or HOST:PORT")
+            raise OptionError(f"{text!r} is not a console address: give HOST, :PORT or HOST:PORT")
         return cls((found["host"] or _LOOPBACK[0]).strip("[]"), port)
 
     @property
@@ -84,15 +90,15 @@ class RequestRules:
 
 
 def require_safe(address: ConsoleAddress, *, tls: bool) -> None:
-    """Raise ConsoleError for an address that other machines reach, unless TLS protects it."""
+    """Raise OptionError for an address that other machines reach, unless TLS protects it."""
     if not address.is_loopback and not tls:
-        raise ConsoleError(
+        raise OptionError(
             f"{address.host} can be reached by other machines: the console needs a certificate "
             "(--tls-cert and --tls-key; of `run`: --console ADDRESS,CERTIFICATE,KEY); or give it a "
             "loopback address"
         )
     if address.host in {"0.0.0.0", "::"}:  # noqa: S104 - refused here
-        raise ConsoleError(
+        raise OptionError(
             f"{address.host} is not an address that a browser can open: give the one address or "
             "host name of the console"
         )

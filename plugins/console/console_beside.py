@@ -3,7 +3,12 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from wil_campaign.plugins.console.console_address import ConsoleError
+from wil_campaign.plugins.console.console_address import (
+    ConsoleAddress,
+    ConsoleError,
+    OptionError,
+    require_safe,
+)
 from wil_campaign.plugins.console.process_beside import process_beside
 
 AUTO = "auto"
@@ -14,25 +19,18 @@ _END_S = 8.0
 """How long the console may show the last verdict after the campaign."""
 
 
-class OptionError(ConsoleError):
-    """The text of `--console` is wrong."""
-
-    code = 2
-
-
 def server_options(text: str) -> tuple[str, ...]:
     """Return the options of the command `console` for ADDRESS or ADDRESS,CERTIFICATE,KEY.
 
     Raises OptionError.
     """
-    address, *tls = text.split(",")
-    options = ("--address", LOOPBACK if address == AUTO else address)
-    match tls:
-        case []:
-            return options
-        case [certificate, key] if certificate and key:
-            return (*options, "--tls-cert", certificate, "--tls-key", key)
-    raise OptionError(f"--console {text}: give ADDRESS, or ADDRESS,CERTIFICATE,KEY")
+    given, *tls = text.split(",")
+    if tls and (len(tls) != 2 or not all(tls)):
+        raise OptionError(f"--console {text}: give ADDRESS, or ADDRESS,CERTIFICATE,KEY")
+    address = LOOPBACK if given == AUTO else given
+    require_safe(ConsoleAddress.parse(address), tls=bool(tls))
+    files = ("--tls-cert", tls[0], "--tls-key", tls[1]) if tls else ()
+    return ("--address", address, *files)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""PX4 1.15 and later, multicopters.
+"""PX4 1.14 and later, multicopters.
 
 Modes: px4_custom_mode.h (main mode in bits 16 to 23, sub mode in bits 24 to 31). Parameters:
 commander_params.c and rtl_params.c.

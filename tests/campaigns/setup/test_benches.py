@@ -49,6 +49,17 @@ def asking(files: Files) -> Files:
     return files
 
 
+def test_the_bench_of_the_page_is_one(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[3] / "docs" / "bench.md").read_text("utf-8")
+    path = tmp_path / "hall-a.yaml"
+    path.write_text(page.partition("```yaml\n")[2].partition("```")[0])
+    (tmp_path / "camera.yaml").write_text(
+        "schema: wil/calibration/1\n"
+        "camera: {width_px: 640, height_px: 480, fx_px: 520, fy_px: 515, cx_px: 330, cy_px: 236}\n"
+    )
+    assert [bench.name for bench in load_benches([path])] == ["hall-a"]
+
+
 def test_a_bench_has_its_properties_and_the_autopilot_of_its_vehicle() -> None:
     bench = bench_of(BENCH)
     assert bench.facts.properties == {"indoor": True, "net_m": 6, "autopilot": "px4"}

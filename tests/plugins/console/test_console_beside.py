@@ -7,12 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from wil_campaign.plugins.console.console_address import ConsoleError
-from wil_campaign.plugins.console.console_beside import (
-    OptionError,
-    console_beside,
-    server_options,
-)
+from wil_campaign.plugins.console.console_address import ConsoleError, OptionError
+from wil_campaign.plugins.console.console_beside import console_beside, server_options
 
 
 @pytest.mark.parametrize(
@@ -33,6 +29,12 @@ def test_a_certificate_and_its_key_go_together(text: str) -> None:
     with pytest.raises(OptionError, match="give ADDRESS, or ADDRESS,CERTIFICATE,KEY"):
         server_options(text)
     assert OptionError.code == 2
+
+
+@pytest.mark.parametrize("text", ["lab:port", ":99999", "lab.example:8470", "0.0.0.0,a.pem,a.key"])
+def test_an_address_of_no_use_is_refused_before_a_process_is_started(text: str) -> None:
+    with pytest.raises(OptionError):
+        server_options(text)
 
 
 def test_a_console_without_its_certificate_does_not_start(
