@@ -196,6 +196,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if hasattr(config, "workerinput") and sys.platform == "linux":
         die_with_parent(signal.SIGTERM)
     named = config.args_source is not pytest.Config.ArgsSource.TESTPATHS
+    named = named or bool(config.option.keyword) or getattr(config.option, "lf", False)
     config.stash[_SHARE] = None if named or config.option.all else share_of_commit(ROOT)
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -1,5 +1,6 @@
 """The order of the tests: what flies on the wall clock is known, and one worker begins with it."""
 
+import os
 import subprocess
 from itertools import chain
 from pathlib import Path
@@ -36,7 +37,15 @@ def test_what_flies_in_turn_is_there(place: str) -> None:
     assert flies_in_turn(place, "test_another") != bool(IN_TURN[place])
 
 
-def test_a_commit_has_its_share_and_what_is_no_checkout_has_all(tmp_path: Path) -> None:
+def test_a_commit_has_its_share_and_what_is_no_checkout_has_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever Git is told where it runs the tests, as in a hook, and by its user."""
+    for name in ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("GIT_CONFIG_GLOBAL", os.devnull)
+    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
+
     def git(*words: str) -> str:
         who = ("-c", "user.name=Test", "-c", "user.email=test@localhost")
         return subprocess.check_output(["git", *who, "-C", tmp_path, *words], text=True)  # noqa: S603, S607
@@ -79,6 +88,8 @@ def test_all_tests_leave_out_whose_turn_it_is_not_and_who_names_a_test_flies_it(
     some.assert_outcomes(passed=1 + 2, deselected=8)
     some.stdout.fnmatch_lines(["in turn: of tests/in_turn.py share 2 of 5, by the commit;*"])
     ended("--all").assert_outcomes(passed=11)
+    ended("-k", "test_it").assert_outcomes(passed=11)
+    ended("--lf").assert_outcomes(passed=11)
     ended("-n", "1").assert_outcomes(passed=1 + 2)
     ended("-n", "1", "tests/test_cases.py").assert_outcomes(passed=11)
 

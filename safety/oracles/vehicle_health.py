@@ -1,5 +1,7 @@
 """Oracles of a vehicle's own reports: faults, silence of its link, landed at the end."""
 
+import math
+
 from pydantic import Field
 
 from wil_campaign.safety.model.oracle_results import OracleResult
@@ -61,8 +63,8 @@ class _End:
 class VehicleFault(Oracle):
     """The oracle of the vehicle's own faults, and of disarming in flight.
 
-    A vehicle that disarms before it reports the ground disarmed in flight, and in its landing where
-    it falls, too, or does not report the ground in time.
+    A vehicle disarmed in flight that falls from where it disarmed or reported the ground, does not
+    report the ground in time, or is armed again too soon to have landed.
     """
 
     reports = frozenset({"heartbeat", "landed_state", "estimator"})
@@ -72,6 +74,7 @@ class VehicleFault(Oracle):
         self._seen = False
         self._was_flying = self._is_armed = False
         self._faults: list[tuple[str, float]] = []
+        self._flew_s = -math.inf
         self._down_m: float | None = None
         self._end: _End | None = None
 
@@ -86,25 +89,29 @@ class VehicleFault(Oracle):
     def on_state(self, sample: StateSample) -> Flags:
         """Take a vehicle's state; each new fault is a flag."""
         was_flying, flies = self._was_flying, sample.armed and sample.landed is False
-        is_rearmed = sample.armed and not self._is_armed
+        was_armed, is_rearmed = self._is_armed, sample.armed and not self._is_armed
         self._was_flying, self._is_armed = flies, sample.armed
         if self._end is not None and sample.landed:
             self._end.has_landed = True
         flags = NO_FLAGS
-        if self._end is not None and is_rearmed and not self._end.has_landed:
+        is_sudden = sample.t_s < self._flew_s + _STILL_S
+        if self._end is not None and is_rearmed and (is_sudden or not self._end.has_landed):
             flags = self._fail(_DISARMED, self._end.at_s, flag_s=sample.t_s)
             self._end = None
         if not self.stages.open:
             return self._judge_end(sample.t_s)
         self._seen = True
-        if was_flying and not flies and sample.landed is not None:
+        has_ended = (was_flying and not flies) or (was_armed and not sample.armed)
+        if flies:
+            self._flew_s, self._end = sample.t_s, None
+        elif has_ended and self._end is None and sample.landed is not None:
             self._end = _End(sample.t_s, self._down_m, has_landed=sample.landed)
         if sample.fault is not None:
             return (*flags, *self._fail(sample.fault, sample.t_s, flag_s=sample.t_s))
         return (*flags, *self._judge_end(sample.t_s))
 
     def on_tick(self, t_s: float) -> Flags:
-        """Fail a vehicle that has disarmed in its landing and did not report the ground in time."""
+        """Fail a vehicle that has disarmed and did not report the ground in time."""
         return self._judge_end(t_s)
 
     def _judge_end(self, t_s: float) -> Flags:
@@ -116,7 +123,7 @@ class VehicleFault(Oracle):
         if not self._is_armed and (end.falls or (is_late and not end.has_landed)):
             self._end = None
             return self._fail(_DISARMED, end.at_s, flag_s=t_s)
-        if end.is_landing or is_late:
+        if end.is_landing or (is_late and not end.falls):
             self._end = None
         return NO_FLAGS
 

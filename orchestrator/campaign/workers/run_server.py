@@ -23,6 +23,8 @@ from wil_campaign.safety.guard.process.runtime_folder import open_runtime_folder
 
 _PRELOADED = "wil_campaign.orchestrator.campaign.workers.run_server_imports"
 _SAFE_PATH = "PYTHONSAFEPATH"
+IGNORED = (signal.SIGTERM, signal.SIGHUP)
+"""They reach the whole process group; the server ends when its campaign does."""
 _STARTING = threading.Lock()
 """Held while the environment of this process is that of the run server."""
 
@@ -55,14 +57,21 @@ def start_run_server() -> None:
 
 
 def running_context() -> ForkServerContext | None:
-    """Return the context of the run server where this program has one; else None."""
+    """Return the context of the run server where this program has one, started anew if lost."""
     server: Any = getattr(forkserver, "_forkserver")  # noqa: B009 - private
-    return None if server._forkserver_pid is None else run_context()  # noqa: SLF001
+    if server._forkserver_pid is None:  # noqa: SLF001
+        return None
+    try:
+        start_run_server()
+    except OSError:
+        return None
+    return run_context()
 
 
-def end_by_sigterm() -> None:
-    """Have SIGTERM end this process, which was forked from the run server: that ignores it."""
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+def end_by_signals() -> None:
+    """Have signals end this process, which was forked from the run server: that ignores them."""
+    for number in IGNORED:
+        signal.signal(number, signal.SIG_DFL)
 
 
 def _forget_lost_server() -> None:

@@ -158,6 +158,28 @@ def test_a_vehicle_that_is_armed_again_before_it_falls_was_disarmed_in_flight(
     assert judge.result(9.0).at_s == 4.0
 
 
+@in_its_goal_or_landing
+def test_a_vehicle_that_is_armed_again_at_once_has_not_landed(stages: dict[str, float]) -> None:
+    """Between the two its autopilot reports the ground, wherever that is."""
+    judge = ending(-1.2, **stages)
+    assert not judge.on_state(state(4.0, armed=False))
+    assert not judge.on_state(state(4.05, armed=False, landed=True))
+    assert [flag.text for flag in judge.on_state(state(4.1))] == ["real: disarmed in flight"]
+
+
+@pytest.mark.parametrize(("down_m", "verdict"), [(0.0, "FAIL"), (-1.2, "PASS")])
+@pytest.mark.parametrize("fell_s", [4.4, 6.4], ids=["heartbeat-lost", "disarmed-later"])
+def test_a_vehicle_that_reports_the_ground_in_the_air_and_is_disarmed_later_falls(
+    fell_s: float, down_m: float, verdict: str
+) -> None:
+    judge = ending(-1.2)
+    judge.on_state(state(4.0, landed=True))
+    for t_s in (4.2, 4.4, 5.9, 6.2, 6.4, 7.0):
+        judge.on_pose(pose(t_s, (0, 0, -1.2 if t_s < fell_s else down_m)))
+        judge.on_state(state(t_s, armed=t_s < 6.0, landed=True))
+    assert judge.result(9.0).verdict == verdict
+
+
 def test_a_link_gap_is_flagged_when_it_is_over() -> None:
     judge = build("link", max_gap_s=1.0)
     judge.on_received(LinkSample(0.0, "real"))

@@ -19,14 +19,15 @@ _RUN = """
 import os, signal
 from concurrent.futures import ProcessPoolExecutor
 from wil_campaign.orchestrator.campaign.workers.run_server import (
-    end_by_sigterm, run_context, run_environment, running_context, start_run_server
+    end_by_signals, run_context, run_environment, running_context, start_run_server
 )
 if __name__ == "__main__":
     assert running_context() is None
     start_run_server()
     context = running_context()
-    with ProcessPoolExecutor(1, mp_context=context, initializer=end_by_sigterm) as pool:
-        print(type(pool.submit(signal.raise_signal, signal.SIGTERM).exception()).__name__)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        with ProcessPoolExecutor(1, mp_context=context, initializer=end_by_signals) as pool:
+            print(type(pool.submit(signal.raise_signal, number).exception()).__name__)
     print(run_environment() == dict(os.environ), "PYTHONSAFEPATH" in os.environ, flush=True)
     run = run_context().Process(target=os.mkdir, args=("flown",))
     run.start()
@@ -35,11 +36,11 @@ if __name__ == "__main__":
 _LOST = """
 import os, shutil
 from multiprocessing import forkserver, util
-from wil_campaign.orchestrator.campaign.workers.run_server import run_context, start_run_server
+from wil_campaign.orchestrator.campaign.workers.run_server import running_context, start_run_server
 if __name__ == "__main__":
+    start_run_server()
     for name in ("first", "second", "third", "fourth"):
-        start_run_server()
-        run = run_context().Process(target=os.mkdir, args=(name,))
+        run = running_context().Process(target=os.mkdir, args=(name,))
         run.start()
         run.join()
         folder = util.get_temp_dir()
@@ -127,7 +128,7 @@ def test_a_file_of_the_user_is_not_imported_in_place_of_a_module(tmp_path: Path)
         timeout=_WITHIN_S,
         check=False,
     )
-    assert ended.stdout == "BrokenProcessPool\nTrue False\n", ended.stderr
+    assert ended.stdout == "BrokenProcessPool\nBrokenProcessPool\nTrue False\n", ended.stderr
     assert (here / "flown").is_dir(), ended.stderr
     assert list(here.glob("imported *")) == []
 
