@@ -132,7 +132,10 @@ def in_loop(call: Callable[[T], object]) -> Callable[[T], object]:
 
 
 async def await_landing(process: "FlightProcess", wait: Callable[..., T], *arguments: object) -> T:
-    """Await a flight, in a thread that calls `wait`; at each cancellation, land it and wait on."""
+    """Await a flight, in a thread that calls `wait`; at each cancellation, land it and wait on.
+
+    Raises CancelledError then, from what the flight raises.
+    """
     loop = asyncio.get_running_loop()
     waiting = loop.run_in_executor(None, partial(_wait_for, process, wait, *arguments))
     cancelled: asyncio.CancelledError | None = None
@@ -143,7 +146,7 @@ async def await_landing(process: "FlightProcess", wait: Callable[..., T], *argum
             cancelled = error
             process.stop()
     if cancelled is not None:
-        raise cancelled
+        raise cancelled from waiting.exception()
     return waiting.result()
 
 

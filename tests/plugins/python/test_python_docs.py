@@ -17,7 +17,8 @@ from tests.plugins.pytest.test_pytest_plugin import write_cases
 from tests.plugins.search.searches import SEARCH, write_search
 from tests.test_house import ROOT
 from wil_campaign.plugins.python import flying
-from wil_campaign.plugins.python.flight_messages import FlightRequest
+from wil_campaign.plugins.python.flight_messages import CampaignEnded, FlightRequest
+from wil_campaign.plugins.python.flying import CannotFlyError
 from wil_campaign.plugins.search import calls
 
 PAGE = (ROOT / "docs" / "python.md").read_text("utf-8")
@@ -86,9 +87,9 @@ class FlightThatLandsWhenAsked(AbstractContextManager["FlightThatLandsWhenAsked"
     def __exit__(self, *_: object) -> None:
         self.stopped.wait()
 
-    def wait(self, on_result: object, on_message: object) -> str:
+    def wait(self, on_result: object, on_message: object) -> CampaignEnded:
         self.stopped.wait()
-        return "landed"
+        raise CannotFlyError("nothing flew", 130)
 
     def stop(self) -> None:
         self.stops += 1
@@ -116,8 +117,9 @@ async def test_a_cancelled_flight_lands_first_however_often_it_is_cancelled(
     await asyncio.sleep(0.05)
     assert not flight.done()
     flight.cancel()
-    with pytest.raises(asyncio.CancelledError):
+    with pytest.raises(asyncio.CancelledError) as caught:
         await flight
+    assert str(caught.value.__cause__) == "nothing flew", "else asyncio logs that nobody asked"
     assert flights[0].stops == 2
 
 
