@@ -300,7 +300,8 @@ class EmulatedAutopilot(ABC, Generic[Mode]):
             self.outbox.turn(send_texts=self._sends_texts())
         thrusts = state.thrusts = self.flight.step(state, flown=body.flown)
         state.target = self.flight.target
-        self.hub.send_due()
+        if clock_s >= self.streams.next_due_s:
+            self.hub.send_due()
         return thrusts
 
     @property

@@ -83,10 +83,8 @@ class MessageHub:
 
     def send_due(self) -> None:
         """Queue the messages of all streams that are due."""
-        now_s = self._state.clock_s
-        if now_s >= self._streams.next_due_s:
-            for message_id in self._streams.due(now_s):
-                self.send(message_id)
+        for message_id in self._streams.due(self._state.clock_s):
+            self.send(message_id)
 
     def send(self, message_id: int) -> bool:
         """Queue a message by id; False when the autopilot has none, or not yet."""

@@ -45,8 +45,9 @@ class ParameterService:
 
     def turn(self) -> None:
         """Send the next few parameters of a list in progress."""
-        for _ in range(min(self._PER_TURN, len(self._queue))):
-            self._outbox.send(self._value(self._queue.popleft(), indexed=True))
+        if self._queue:
+            for _ in range(min(self._PER_TURN, len(self._queue))):
+                self._outbox.send(self._value(self._queue.popleft(), indexed=True))
 
     @on_message("PARAM_REQUEST_READ")
     def _on_read(self, message: Any) -> None:
