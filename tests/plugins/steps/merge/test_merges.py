@@ -162,6 +162,14 @@ def test_aggregation_of_images_and_depth() -> None:
     assert np.array_equal(nearest == 3.0, disc())
 
 
+def test_a_pixel_that_is_kept_in_part_is_kept() -> None:
+    real, twin = camera(plain((0, 100, 200)), "real"), camera(plain((100, 0, 200)))
+    edge = np.full((HEIGHT, WIDTH), 128, np.uint8)
+    for masks in ((edge, None), (None, edge)):
+        sides = {"real": Masked(real, masks[0]), "twin": Masked(twin, masks[1])}
+        assert (build("aggregate", by="mean")(sides).image_bgr == (50, 50, 200)).all()
+
+
 def test_aggregation_of_single_values_and_places() -> None:
     assert merged("aggregate", beam(4.0, "real"), beam(2.0), by="mean").range_m == 3.0
     assert merged("aggregate", beam(4.0, "real"), beam(math.inf), by="mean").range_m == 4.0
