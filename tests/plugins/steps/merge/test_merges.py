@@ -170,6 +170,15 @@ def test_a_pixel_that_is_kept_in_part_is_kept() -> None:
         assert (build("aggregate", by="mean")(sides).image_bgr == (50, 50, 200)).all()
 
 
+def test_an_image_of_one_pixel_is_mixed_too() -> None:
+    real, twin = (camera(plain(color, width=1, height=1)) for color in (WHITE, (55, 55, 55)))
+    for name, expected in (("overlay", 155), ("aggregate", 155)):
+        sides = {"real": Masked(real), "twin": Masked(twin, np.array([[128]], np.uint8))}
+        assert build(name, **({"by": "mean"} if name == "aggregate" else {}))(
+            sides
+        ).image_bgr.tolist() == [[[expected] * 3]]
+
+
 def test_aggregation_of_single_values_and_places() -> None:
     assert merged("aggregate", beam(4.0, "real"), beam(2.0), by="mean").range_m == 3.0
     assert merged("aggregate", beam(4.0, "real"), beam(math.inf), by="mean").range_m == 4.0
