@@ -290,7 +290,7 @@ def _is_reached(
     if not any(camera.distortion):
         return np.ones(len(rays), np.bool_)
     missed_px = np.abs(_project(rays, camera) - pixels).max(axis=1)
-    return (missed_px < 0.5) & _invertible(rays, camera)
+    return np.asarray((missed_px < 0.5) & _invertible(rays, camera), np.bool_)
 
 
 def remapped(work: Masked[P], new: Intrinsics, turn: Quat = IDENTITY) -> Masked[P]:

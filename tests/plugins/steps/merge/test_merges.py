@@ -172,11 +172,17 @@ def test_a_pixel_that_is_kept_in_part_is_kept() -> None:
 
 def test_an_image_of_one_pixel_is_mixed_too() -> None:
     real, twin = (camera(plain(color, width=1, height=1)) for color in (WHITE, (55, 55, 55)))
-    for name, expected in (("overlay", 155), ("aggregate", 155)):
-        sides = {"real": Masked(real), "twin": Masked(twin, np.array([[128]], np.uint8))}
-        assert build(name, **({"by": "mean"} if name == "aggregate" else {}))(
-            sides
-        ).image_bgr.tolist() == [[[expected] * 3]]
+    sides = {"real": Masked(real), "twin": Masked(twin, np.array([[128]], np.uint8))}
+    assert build("overlay")(sides).image_bgr.tolist() == [[[155] * 3]]
+    assert build("aggregate", by="mean")(sides).image_bgr.tolist() == [[[155] * 3]]
+    empty = Masked(twin, np.zeros((1, 1), np.uint8))
+    assert build("aggregate", by="mean")({**sides, "twin": empty}).image_bgr.tolist() == [
+        [[255] * 3]
+    ]
+    for options in ({}, {"exposure": False}):
+        match = build("match_photometry", stage="filter", **options)
+        assert match(Masked(twin), Masked(real)).reading.image_bgr.tolist() == [[[55] * 3]]
+    assert build("subtract_background")(Masked(twin), None).mask.shape == (1, 1)
 
 
 def test_aggregation_of_single_values_and_places() -> None:
