@@ -15,13 +15,10 @@ _SAME_RAD = 1e-4
 def beams_mismatch(a: LidarScanReading, b: LidarScanReading) -> str:
     """Return that two scans have different beams, and the remedy; "" where they do not."""
     same = len(a.ranges_m) == len(b.ranges_m)
-    if same and len(a.ranges_m):
-        last = len(a.ranges_m) - 1
-        ends = (
-            a.start_angle_rad - b.start_angle_rad,
-            a.start_angle_rad + last * a.step_rad - b.start_angle_rad - last * b.step_rad,
-        )
-        same = all(abs(math.remainder(end, math.tau)) < _SAME_RAD for end in ends)
+    if same:
+        # Each beam: a full turn that ends where it begins has the ends of its mirror image.
+        apart = a.angles_rad - b.angles_rad
+        same = bool((np.abs(apart - np.rint(apart / math.tau) * math.tau) < _SAME_RAD).all())
     beams = " and ".join(
         f"{len(scan.ranges_m)} from {math.degrees(scan.start_angle_rad):g} deg by"
         f" {math.degrees(scan.step_rad):g}"
@@ -40,17 +37,15 @@ def with_beams(
     """
     old = work.reading
     angles = start_angle_rad + np.arange(count) * step_rad
-    turns = (angles - old.start_angle_rad) / old.step_rad
-    around = abs(math.tau / old.step_rad)
-    index = np.rint(turns)
-    # A full turn wraps: take the turn in which the beam exists.
-    wrapped = np.mod(index + 0.5, around) - 0.5
-    nearest = np.rint(wrapped).astype(np.int64)
-    last = len(old.ranges_m) - 1
-    slack = 0.5 * max(1.0, abs(step_rad / old.step_rad)) + 1e-9
-    clipped = np.clip(nearest, 0, last)
-    apart = np.abs(np.mod(turns - clipped + around / 2, around) - around / 2)
-    found = apart <= slack
+    # A single beam may have no step.
+    old_rad = old.step_rad or step_rad or math.tau
+    around, last = abs(math.tau / old_rad), len(old.ranges_m) - 1
+    # In steps from the middle of the old scan, the shorter way round.
+    turns = (angles - old.start_angle_rad) / old_rad - last / 2
+    turns = np.mod(turns + around / 2, around) - around / 2 + last / 2
+    clipped = np.clip(np.rint(turns).astype(np.int64), 0, last)
+    slack = 0.5 * max(1.0, abs(step_rad / old_rad)) + 1e-9
+    found = np.abs(turns - clipped) <= slack
     ranges_m = np.where(found, old.ranges_m[clipped], np.float32(np.inf)).astype(np.float32)
     ids = old.object_ids
     if ids is not None:

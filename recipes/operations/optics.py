@@ -206,6 +206,7 @@ def remap_between(old: Intrinsics, new: Intrinsics, turn: Quat = IDENTITY) -> Re
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)[:, None, :]
     flat = _undistort(pixels, new)
     rays = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
+    ahead = _is_reached(rays, pixels.reshape(-1, 2), new)
     z_ratio: Plane | None = None
     if turn != IDENTITY:
         rotation = _OPTICAL_FROM_FRD @ matrix_from_quat(turn) @ _OPTICAL_FROM_FRD.T
@@ -213,7 +214,7 @@ def remap_between(old: Intrinsics, new: Intrinsics, turn: Quat = IDENTITY) -> Re
         with np.errstate(divide="ignore"):
             ratio = np.where(rays[:, 2] > 1e-6, 1.0 / rays[:, 2], 1.0)
         z_ratio = ratio.reshape(v.shape).astype(np.float32)
-    ahead = rays[:, 2] > 1e-6
+    ahead &= rays[:, 2] > 1e-6
     rays[~ahead] = (0.0, 0.0, 1.0)
     old_px = _project(rays, old)
     inside = (
@@ -277,6 +278,19 @@ def _invertible(rays: NDArray[np.float64], camera: Intrinsics) -> NDArray[np.boo
     folded = np.flatnonzero(np.diff(radial * upper / lower) <= 0.0)
     limit = radial[folded[0]] if len(folded) else np.inf
     return np.asarray(r2 <= limit**2, np.bool_)
+
+
+def _is_reached(
+    rays: NDArray[np.float64], pixels: NDArray[np.float64], camera: Intrinsics
+) -> NDArray[np.bool_]:
+    """Return the pixels, (n, 2), to which their undistorted rays come through a camera's lens.
+
+    To those beyond the turning point of its distortion polynomial no ray comes.
+    """
+    if not any(camera.distortion):
+        return np.ones(len(rays), np.bool_)
+    missed_px = np.abs(_project(rays, camera) - pixels).max(axis=1)
+    return np.asarray((missed_px < 0.5) & _invertible(rays, camera), np.bool_)
 
 
 def remapped(work: Masked[P], new: Intrinsics, turn: Quat = IDENTITY) -> Masked[P]:

@@ -20,15 +20,21 @@ class Virtual:
     """The objects that exist only in the virtual world, by the ids that images carry.
 
     names: those that a mixture has to show. not_mixed: the others, which a recipe that isolates
-    objects by name leaves out.
+    objects by name leaves out. beside: the ids of those of the others that it may show as well.
     """
 
     names: dict[int, str]
     not_mixed: dict[int, str] = field(default_factory=dict)
+    beside: frozenset[int] = frozenset()
 
     def everything(self) -> "Virtual":
         """Return all of these objects as objects to be shown."""
         return Virtual({**self.names, **self.not_mixed})
+
+    def compared(self) -> "Virtual":
+        """Return the objects to be shown and those beside them, as objects to be shown."""
+        beside = {i: name for i, name in self.not_mixed.items() if i in self.beside}
+        return Virtual({**self.names, **beside})
 
     def mask_of(self, ids: Ids) -> Mask:
         """Return the mask of the virtual objects in an image of ids."""

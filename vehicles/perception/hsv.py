@@ -90,7 +90,8 @@ class HsvMask:
 
 
 def _kernel_arguments(colors: HsvRange) -> tuple[Limits, bool, bool]:
-    (hue_low, hue_high) = colors.hue_deg
+    # Red at 360 degrees is red at 0, which pixels have.
+    hue_low, hue_high = (angle % 360.0 for angle in colors.hue_deg)
     pale, vivid, dark, bright = (
         np.float32(round(limit * 255)) for limit in (*colors.saturation, *colors.value)
     )

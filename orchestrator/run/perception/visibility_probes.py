@@ -154,10 +154,12 @@ def sought_objects(
     objects by name, these and those that the goal and the required oracles name (`named`). The
     others are left out, and counted.
     """
+    isolated = combination.isolated()
     if combination.shows is not None:
         shown = {i: name for i, name in things.items() if name in combination.shows}
-        return Virtual(shown, {i: name for i, name in things.items() if i not in shown})
-    isolated = combination.isolated()
+        others = {i: name for i, name in things.items() if i not in shown}
+        beside = (i for i, name in others.items() if name in isolated or not isolated)
+        return Virtual(shown, others, frozenset(beside))
     if isolated:
         isolated |= set(named)
     wanted = {i: name for i, name in things.items() if name in isolated}

@@ -100,7 +100,7 @@ class _FixedBackground:
             )
         apart = cv2.absdiff(image, self._empty)
         largest = cv2.max(cv2.max(apart[:, :, 0], apart[:, :, 1]), apart[:, :, 2])
-        mask: Mask = cv2.compare(largest, self._threshold, cv2.CMP_GT)
+        mask = _above(largest, self._threshold)
         return Masked(work.reading, intersect_masks(_open_mask(mask, self._specks_px), work.mask))
 
 
@@ -119,7 +119,7 @@ class _LearnedBackground:
 
     def __call__(self, work: Work, other: AnyMasked | None) -> Work:  # noqa: ARG002 - the interface
         found = self._model.apply(work.reading.image_bgr)
-        mask: Mask = cv2.compare(found, _SHADOW, cv2.CMP_GT)
+        mask = _above(found, _SHADOW)
         if self._seen < self._learn:
             mask[:] = 0
         self._seen += 1
@@ -127,6 +127,11 @@ class _LearnedBackground:
 
 
 _SHADOW = 127.0
+
+
+def _above(levels: Mask, threshold: float) -> Mask:
+    """Return the foreground mask of levels above a threshold, of an image of any size."""
+    return np.asarray(cv2.threshold(levels, threshold, 255, cv2.THRESH_BINARY)[1], np.uint8)
 
 
 def _open_mask(mask: Mask, radius_px: int) -> Mask:

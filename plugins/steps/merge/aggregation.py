@@ -156,9 +156,9 @@ def _merge_images(
     else:
         made = cv2.addWeighted(a, 1.0 - share, b, share, 0.0)
     if real.mask is not None:
-        cv2.copyTo(b, cv2.bitwise_not(real.mask), made)
+        cv2.copyTo(b, cv2.inRange(real.mask, 0, 0), made)
     if twin.mask is not None:
-        cv2.copyTo(a, cv2.bitwise_not(twin.mask), made)
+        cv2.copyTo(a, cv2.inRange(twin.mask, 0, 0), made)
     return replace(real.reading, image_bgr=made)
 
 

@@ -58,7 +58,7 @@ def _level(image_bgr: BgrImage) -> tuple[float, float, float] | None:
     steps = [max(1, length // _SAMPLE_PX) for length in image_bgr.shape[:2]]
     pixels = image_bgr[:: steps[0], :: steps[1]].reshape(-1, 3)
     usable = pixels[((pixels > _DARK) & (pixels < _BRIGHT)).all(axis=1)]
-    if len(usable) < len(pixels) // 20:
+    if len(usable) < max(1, len(pixels) // 20):
         return None
     blue, green, red = (float(level) for level in np.median(usable, axis=0))
     return (blue, green, red)

@@ -37,7 +37,7 @@ def has_cover(mask: Mask) -> bool:
 
 def blend_cover(layer_bgr: BgrImage, mask: Mask, ground_bgr: BgrImage) -> None:
     """Write the layer into `ground_bgr`, each pixel by the cover that its mask states."""
-    cv2.copyTo(layer_bgr, cv2.compare(mask, 255, cv2.CMP_EQ), ground_bgr)
+    cv2.copyTo(layer_bgr, cv2.inRange(mask, 255, 255), ground_bgr)
     rows, columns = np.nonzero(cv2.inRange(mask, 1, 254))
     weight = mask[rows, columns].astype(np.float32) / np.float32(255)
     upper, lower = (one[rows, columns].astype(np.float32) for one in (layer_bgr, ground_bgr))

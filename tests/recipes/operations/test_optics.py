@@ -105,6 +105,18 @@ def test_depth_follows_the_new_axis() -> None:
     assert np.isinf(made.reading.depth_m[made.mask == 0]).all()
 
 
+def test_pixels_that_no_ray_reaches_through_the_new_lens_are_not_kept() -> None:
+    old = Intrinsics(64, 48, 25.0, 25.0, 31.5, 23.5)
+    # r (1 - 0.4 r^2) turns back at r = 0.913, which is 0.609 distorted.
+    new = Intrinsics(64, 48, 30.0, 30.0, 31.5, 23.5, distortion=(-0.4, 0.0, 0.0, 0.0))
+    made = remapped(Masked(camera(intrinsics=old)), new)
+    v, u = np.mgrid[0:48, 0:64]
+    far = np.hypot(u - 31.5, v - 23.5) / 30.0
+    assert made.mask is not None
+    assert not made.mask[far > 0.62].any()
+    assert made.mask[far < 0.59].all()
+
+
 def test_the_same_model_changes_nothing_and_ids_are_not_mixed() -> None:
     ids = np.zeros((HEIGHT, WIDTH), np.uint8)
     ids[:, 20:40] = 200

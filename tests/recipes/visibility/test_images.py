@@ -258,6 +258,41 @@ def test_an_object_left_out_by_name_is_reported_in_view(scene: Scene) -> None:
     assert left_out(hidden).not_mixed == ()
 
 
+@pytest.mark.parametrize("beside", [frozenset({3}), frozenset()], ids=["may show", "leaves out"])
+@pytest.mark.parametrize("x", [80.0, 400.0], ids=["beside the gate", "alone"])
+def test_an_object_that_a_recipe_may_show_as_well_is_no_displaced_gate(
+    x: float, beside: frozenset[int]
+) -> None:
+    """A colour isolates two objects, and `shows` names one of them."""
+    scene = Scene(room(0), ring(x))
+    tree = np.zeros(scene.due.shape, np.bool_)
+    tree[10:60, 5:25] = True
+    both = scene.due | tree
+    ids = np.select([scene.due, tree], [GATE, 3], 1).astype(np.uint8)
+    frame = compare_images(
+        ImagePair(
+            t_s=1.0,
+            real_bgr=scene.real,
+            mixed_bgr=scene.overlaid(both),
+            expected=ExpectedImage(ids, drawn(both), None, STEP),
+            virtual=Virtual({GATE: "gate"}, {3: "tree"}, beside),
+            limit_px=None,
+            is_like=True,
+        )
+    )
+    is_wrong = gate_of(frame).is_displaced or frame.is_unexpected
+    assert (is_wrong, frame.not_mixed) == (not beside, ("tree",))
+
+
+def test_a_board_in_place_of_a_gate_is_unexpected(scene: Scene) -> None:
+    """Its outline is that of the gate, whose opening it fills."""
+    rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH]
+    board = np.maximum(abs(columns - 80.0), abs(rows - 60.0)) <= 22.0
+    assert scene.compare(scene.overlaid(board)).is_unexpected
+    assert not scene.compare(scene.overlaid(ring())).is_unexpected
+    assert not scene.compare(scene.overlaid(ring(83.0))).is_unexpected
+
+
 def test_a_whole_picture_without_the_gate_does_not_show_it(scene: Scene) -> None:
     without = room(5, 150.0)
     gate = gate_of(scene.compare(without))

@@ -62,6 +62,12 @@ def test_the_mask_is_what_the_standard_library_says_of_each_pixel(
         assert expected is None or (kept == 255) == expected, pixel
 
 
+@pytest.mark.parametrize("hue_deg", [(330.0, 360.0), (360.0, 10.0), (360.0, 360.0)])
+def test_red_is_at_both_ends_of_the_circle(hue_deg: tuple[float, float]) -> None:
+    red_and_grey = np.array([[(0, 0, 255), (40, 40, 90), (90, 90, 90)]], np.uint8)
+    assert HsvMask((HsvRange(hue_deg),)).of(red_and_grey).tolist() == [[255, 255, 0]]
+
+
 def test_every_colour_of_the_full_circle_is_in_and_grey_has_no_hue() -> None:
     image = np.random.default_rng(1).integers(0, 256, (20, 20, 3), dtype=np.uint8)
     assert (HsvMask((HsvRange(),)).of(image) == 255).all()

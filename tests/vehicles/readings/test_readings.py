@@ -123,6 +123,7 @@ BAD: list[tuple[Reading, dict[str, Any], str]] = [
     (SCAN, {"ranges_m": np.zeros(4, np.float64)}, "type"),
     (SCAN, {"object_ids": np.zeros(2, np.uint8)}, "shape"),
     (SCAN, {"step_rad": NAN}, "not_finite"),
+    (SCAN, {"step_rad": 0.0}, "out_of_range"),
     (SCAN, {"range_max_m": 0.0}, "out_of_range"),
     (POINTS, {"points_frd_m": np.zeros((0, 3), np.float32)}, "empty"),
     (POINTS, {"points_frd_m": np.full((2, 3), INF, np.float32)}, "not_finite"),

@@ -79,6 +79,23 @@ def test_only_objects_that_goal_or_oracles_name_must_be_shown(  # noqa: PLR0917 
     assert (set(virtual.names), set(virtual.not_mixed)) == (sought, left_out)
 
 
+@pytest.mark.parametrize(
+    ("filter_", "beside"),
+    [
+        ("isolate_color: {name: orange}", {3, 4}),
+        ("isolate_objects: [decoy]", {4}),
+        ("isolate_objects: [gate]", set()),
+    ],
+)
+def test_a_recipe_may_show_more_than_it_has_to(
+    tmp_path: Path, filter_: str, beside: set[int]
+) -> None:
+    text = RECIPE.replace("FILTER", f"{{{filter_}}}")
+    (tmp_path / "recipe.yaml").write_text(f"{text}    shows: [gate]\n")
+    (combination,) = load_recipe_file(tmp_path / "recipe.yaml").combinations
+    assert sought_objects(combination, THINGS, ()).beside == beside
+
+
 STEREO = DepthSetup(name="depth", rate_hz=15, intrinsics=CAMERA, mount=CameraMount())
 
 

@@ -162,6 +162,29 @@ def test_aggregation_of_images_and_depth() -> None:
     assert np.array_equal(nearest == 3.0, disc())
 
 
+def test_a_pixel_that_is_kept_in_part_is_kept() -> None:
+    real, twin = camera(plain((0, 100, 200)), "real"), camera(plain((100, 0, 200)))
+    edge = np.full((HEIGHT, WIDTH), 128, np.uint8)
+    for masks in ((edge, None), (None, edge)):
+        sides = {"real": Masked(real, masks[0]), "twin": Masked(twin, masks[1])}
+        assert (build("aggregate", by="mean")(sides).image_bgr == (50, 50, 200)).all()
+
+
+def test_an_image_of_one_pixel_is_mixed_too() -> None:
+    real, twin = (camera(plain(color, width=1, height=1)) for color in (WHITE, (55, 55, 55)))
+    sides = {"real": Masked(real), "twin": Masked(twin, np.array([[128]], np.uint8))}
+    assert build("overlay")(sides).image_bgr.tolist() == [[[155] * 3]]
+    assert build("aggregate", by="mean")(sides).image_bgr.tolist() == [[[155] * 3]]
+    empty = Masked(twin, np.zeros((1, 1), np.uint8))
+    assert build("aggregate", by="mean")({**sides, "twin": empty}).image_bgr.tolist() == [
+        [[255] * 3]
+    ]
+    for options in ({}, {"exposure": False}):
+        match = build("match_photometry", stage="filter", **options)
+        assert match(Masked(twin), Masked(real)).reading.image_bgr.tolist() == [[[55] * 3]]
+    assert build("subtract_background")(Masked(twin), None).mask.shape == (1, 1)
+
+
 def test_aggregation_of_single_values_and_places() -> None:
     assert merged("aggregate", beam(4.0, "real"), beam(2.0), by="mean").range_m == 3.0
     assert merged("aggregate", beam(4.0, "real"), beam(math.inf), by="mean").range_m == 4.0

@@ -275,6 +275,33 @@ def test_beams_take_the_nearest_in_angle(count: int, wanted: int) -> None:
     assert around.max() <= np.pi / count + 1e-5
 
 
+steps_rad = st.floats(0.01, 0.5).flatmap(lambda step: st.sampled_from([step, -step]))
+
+
+@given(st.integers(1, 12), steps_rad, st.integers(1, 12), steps_rad, st.floats(-7.0, 7.0))
+def test_beams_of_any_two_scans_are_those_of_a_plain_search(
+    count: int, step_rad: float, wanted: int, wanted_rad: float, start_rad: float
+) -> None:
+    old = scan(np.arange(count), start_angle_rad=0.3, step_rad=step_rad)
+    new = scan(np.ones(wanted), "real", start_angle_rad=start_rad, step_rad=wanted_rad)
+    work = apply("resample_beams", old, new, to="real")
+    apart = new.angles_rad[:, None] - old.angles_rad
+    apart = np.abs(apart - np.rint(apart / math.tau) * math.tau)
+    reach = 0.5 * max(abs(step_rad), abs(wanted_rad))
+    for range_m, kept, each in zip(work.reading.ranges_m, work.mask, apart, strict=True):
+        if kept:
+            assert each[int(range_m)] <= min(each.min(), reach) + 1e-6
+        else:
+            assert np.isinf(range_m)
+            assert each.min() > reach - 1e-6
+
+
+def test_a_single_beam_needs_no_step() -> None:
+    one = scan([5.0], start_angle_rad=0.0, step_rad=0.0)
+    work = apply("resample_beams", one, to={"count": 4, "start_deg": 0.0, "step_deg": 90.0})
+    assert work.mask.tolist() == [255, 0, 0, 0]
+
+
 def test_beams_that_the_scan_did_not_look_at_are_not_kept() -> None:
     front = scan([5.0, 6.0, 7.0], start_angle_rad=-0.1, step_rad=0.1)
     work = apply("resample_beams", front, to={"count": 4, "start_deg": 0.0, "step_deg": 90.0})

@@ -1,5 +1,6 @@
 """Merges: priority with soft edge and occlusion, replacement, aggregation, points, sound."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -122,3 +123,11 @@ def test_overlays_of_other_sensors() -> None:
     assert merged("overlay", fix(1, 2, "real"), fix(3, 4)).latitude_deg == 3
     with pytest.raises(CannotMixError, match="resample_beams"):
         merged("overlay", scan([1, 2, 3], "real"), scan([7, 8]))
+
+
+def test_a_full_turn_is_not_laid_over_its_mirror_image() -> None:
+    ahead = scan(np.ones(361), "real", step_rad=np.radians(1))
+    mirrored = scan(np.ones(361), start_angle_rad=np.pi, step_rad=-np.radians(1))
+    with pytest.raises(CannotMixError, match="resample_beams"):
+        merged("overlay", ahead, mirrored)
+    assert merged("overlay", ahead, replace(ahead, start_angle_rad=np.pi)).ranges_m.all()
