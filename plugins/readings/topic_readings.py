@@ -176,7 +176,7 @@ class TopicDecoders:
             raise RecordingError(_MISSING) from error
         try:
             decoder: Decoder | None = DecoderFactory().decoder_for("cdr", schema)
-        except _FAULTS as error:
+        except Exception as error:  # it raises whatever a damaged definition causes
             raise RecordingError(f"its definition of {schema.name} is damaged: {error}") from error
         if decoder is None:
             raise RecordingError(f"its definition of {schema.name} is of an unsupported kind")
