@@ -20,6 +20,8 @@ from wil_campaign.worlds.frames import Pose, Quat, Vec3, quat_from_euler, slerp,
 from wil_campaign.worlds.geodesy import Geodetic, LocalFrame
 
 _MAX_ATTITUDES = 16
+_REBOOT_S = 1.0
+"""A time stamp that goes back by less was reordered or doubled; by more, the clock restarted."""
 
 
 class EstimatePairing:
@@ -27,7 +29,8 @@ class EstimatePairing:
 
     A position waits for the first attitude that is not older, and gets the attitude interpolated
     at its time. If the next position comes first, it gets the last attitude when that is at most
-    `max_age_s` old; otherwise it is dropped and counted. Times are seconds since boot.
+    `max_age_s` old; otherwise it is dropped and counted, and so is one that is not newer than the
+    one that waits: overtaken or doubled on the link. Times are seconds since boot.
     """
 
     def __init__(self, *, max_age_s: float = 0.2) -> None:
@@ -40,7 +43,7 @@ class EstimatePairing:
         """Take an attitude; return the estimate that it completes."""
         attitudes = self._attitudes
         if attitudes and boot_s < attitudes[-1][0]:
-            if boot_s > attitudes[-1][0] - 1.0:
+            if boot_s > attitudes[-1][0] - _REBOOT_S:
                 return None
             self.restart()
         attitudes.append((boot_s, q_wxyz))
@@ -56,6 +59,9 @@ class EstimatePairing:
         """Take a position; return the estimates complete now, in order of time."""
         late: LocalEstimate | None = None
         if self._waiting is not None:
+            if self._waiting[0] - _REBOOT_S < boot_s <= self._waiting[0]:
+                self.dropped += 1
+                return ()
             late = self._complete(*self._waiting)
             self._waiting = None
         if self._attitudes and self._attitudes[-1][0] >= boot_s:
@@ -95,9 +101,6 @@ class EstimatePairing:
 _POSITION: Struct = mavlink.MAVLink_local_position_ned_message.unpacker
 _QUATERNION: Struct = mavlink.MAVLink_attitude_quaternion_message.unpacker
 """Both payloads have their fields in the order of their definition, time_boot_ms first."""
-
-_REBOOT_S = 1.0
-"""A time stamp that goes back by less was reordered or doubled; by more, the clock restarted."""
 
 EstimateListener = Callable[[EstimateSample], None]
 

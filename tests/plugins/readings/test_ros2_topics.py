@@ -408,6 +408,22 @@ def test_without_the_extra_the_remedy_is_named(
         read(path, "rangefinder")
 
 
+def test_where_a_recording_is_cut_off_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    schema = "sensor_msgs/msg/Range"
+    write_bag(path, [("/it", schema, AT_S + k, distance(1.0)) for k in range(3)])
+    data = path.read_bytes()
+    path.write_bytes(data[:-8])
+    file = TopicReadings(path=path, kind="rangefinder")
+    file.open()
+    assert [file.next() is not None for _ in range(3)] == [True] * 3
+    with pytest.raises(SourceError, match="the recording is over; it is cut after byte"):
+        file.next()
+    path.write_bytes(data[:8])
+    with pytest.raises(SourceError, match=r"available: none\); it is cut after byte 8"):
+        read(path, "rangefinder")
+
+
 def test_a_damaged_message_or_definition_is_named(tmp_path: Path) -> None:
     good = write_bag(tmp_path / "bag.mcap", [("/it", "sensor_msgs/msg/Range", AT_S, distance(1.0))])
     file = TopicReadings(path=good, kind="rangefinder")
