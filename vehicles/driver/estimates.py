@@ -20,6 +20,8 @@ from wil_campaign.worlds.frames import Pose, Quat, Vec3, quat_from_euler, slerp,
 from wil_campaign.worlds.geodesy import Geodetic, LocalFrame
 
 _MAX_ATTITUDES = 16
+_MOST_LATITUDE = 900_000_000
+"""1e-7 degrees; INT32_MAX, MAVLink's word for unknown, is more."""
 _REBOOT_S = 1.0
 """A time stamp that goes back by less was reordered or doubled; by more, the clock restarted."""
 
@@ -257,6 +259,9 @@ class Estimates:
         return sample
 
     def _global(self, message: Any, _t_s: float) -> None:
+        if abs(message.lat) > _MOST_LATITUDE:
+            self.not_numbers += 1
+            return
         # ArduPilot sends zeros before it has a position.
         if message.lat or message.lon:
             self.amsl_m = message.alt * 1e-3
