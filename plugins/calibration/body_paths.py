@@ -45,7 +45,7 @@ def path_in_csv(path: Path) -> BodyPath:
     Raises OfflineError, with the line.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as stream:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
             rows = csv.DictReader(stream)
             missing = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
             if missing:

@@ -15,6 +15,8 @@ _VERSION = re.compile(r"Ardu(Copter|Plane|Rover|Sub) V?(\S+) \(([0-9a-f]+)\)|APM
 _FRAME = re.compile(r"Frame: (\w+)")
 _ARMED, _DISARMED = 10, 11
 """Ids of EV."""
+_PAGES_BYTES = 528
+"""What DFReader takes for the unused end of a log."""
 _FRAMES = {
     "QUAD": "quadrotor",
     "HEXA": "hexarotor",
@@ -32,12 +34,14 @@ def read_dataflash(path: Path) -> LoggedFlight:
     from pymavlink import DFReader  # noqa: PLC0415 - slow to import
 
     vehicle = _Vehicle()
+    left_out = 0
     noise = StringIO()
     try:
         with redirect_stdout(noise), redirect_stderr(noise):
             log = DFReader.DFReader_binary(str(path))
             try:
-                while (message := log.recv_match(type=list(_TAKEN))) is not None:
+                left_out = _bytes_left_out(log)
+                while (message := _next(log, from_index=not left_out)) is not None:
                     vehicle.receive(message)
             finally:
                 log.filehandle.close()
@@ -45,7 +49,28 @@ def read_dataflash(path: Path) -> LoggedFlight:
         raise LogError(f"{path} cannot be read as a log of ArduPilot (.bin): {error}") from error
     if not vehicle.is_any:
         raise LogError(f"{path} has no message of a flight: is it a log of ArduPilot?")
-    return vehicle.flight(is_damaged="bad header" in noise.getvalue().lower())
+    return vehicle.flight(is_damaged=left_out > 0)
+
+
+def _bytes_left_out(log: Any) -> int:
+    """Return how many bytes before the log's end are in no message of DFReader's index.
+
+    The index ends at the first damaged header that names no message. The last page may be unused.
+    """
+    lengths = {kind: found.len for kind, found in log.formats.items() if log.offsets[kind]}
+    end = max((log.offsets[kind][-1] + size for kind, size in lengths.items()), default=0)
+    if log.data_len - end >= _PAGES_BYTES:
+        end = log.data_len
+    return int(end - sum(len(log.offsets[kind]) * size for kind, size in lengths.items()))
+
+
+def _next(log: Any, *, from_index: bool) -> Any:
+    """Return the next message that is taken: by the index, or from behind the last one."""
+    if from_index:
+        return log.recv_match(type=list(_TAKEN))
+    while (message := log.recv_msg()) is not None and message.get_type() not in _TAKEN:
+        pass
+    return message
 
 
 class _Vehicle:

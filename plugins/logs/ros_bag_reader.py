@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 from wil_campaign.plugins.logs.logged_flight import LogError, LoggedFlight
@@ -30,38 +29,42 @@ def read_ros_bag(path: Path) -> LoggedFlight:
             f"{path} may be a bag of ROS 2, which mcap-ros2-support reads: "
             "pip install 'wil-campaign[ros]'"
         ) from error
+    track = TrackBuilder()
     try:
         with path.open("rb") as stream:
             reader = make_reader(stream, decoder_factories=[DecoderFactory()])
             summary = reader.get_summary()
-            topics = {} if summary is None else _topics(summary)
-            if not topics:
-                raise LogError(_no_pose(path, summary))
-            track, is_px4 = TrackBuilder(), _PX4 in topics
-            wanted = {topics[name]: name for name in (*_ORDER, _FIX) if name in topics}
-            first = next((name for name in _ORDER if name in topics), None)
+            topics: Mapping[str, list[str]] = {} if summary is None else _topics(summary)
+            first = [name for name in _ORDER if name in topics][:1]
+            wanted = {topics[name][0]: name for name in (*first, _FIX) if name in topics}
             for _, channel, message, ros in reader.iter_decoded_messages(topics=list(wanted)):
-                kind = wanted[channel.topic]
-                if kind in {first, _FIX}:
-                    _TAKERS[kind](track, message.log_time * 1e-9, ros)
-    except (McapError, OSError, ValueError, KeyError) as error:
+                _TAKERS[wanted[channel.topic]](track, message.log_time * 1e-9, ros)
+    except Exception as error:  # the decoders raise whatever a damaged file causes
         raise LogError(f"{path} cannot be read as an MCAP file: {error}") from error
+    if not topics:
+        raise LogError(_no_pose(path, summary))
+    problems = ["a bag has no parameters, firmware and arming"]
+    others = sorted({topic for named in topics.values() for topic in named} - wanted.keys())
+    if others:
+        problems.append(
+            f"its topics {', '.join(others)} were left out: {', '.join(wanted)} is used"
+        )
     return LoggedFlight(
         kind="a bag of ROS 2",
-        autopilot="px4" if is_px4 else None,
+        autopilot="px4" if _PX4 in topics else None,
         track=track.track,
         origin=track.origin,
-        problems=("a bag has no parameters, firmware and arming",),
+        problems=tuple(problems),
     )
 
 
-def _topics(summary: Any) -> dict[str, str]:
-    """Return by name of a known schema its first topic."""
-    found: dict[str, str] = {}
+def _topics(summary: Any) -> dict[str, list[str]]:
+    """Return by name of a known schema its topics."""
+    found: dict[str, list[str]] = {}
     for channel in summary.channels.values():
         schema = summary.schemas.get(channel.schema_id)
         if schema is not None and schema.name in {*_ORDER, _FIX}:
-            found.setdefault(schema.name, channel.topic)
+            found.setdefault(schema.name, []).append(channel.topic)
     return found
 
 
@@ -89,7 +92,8 @@ def _receive_pose(track: TrackBuilder, t_s: float, pose: Any) -> None:
 
 
 def _receive_fix(track: TrackBuilder, t_s: float, ros: Any) -> None:
-    track.place(t_s, ros.latitude, ros.longitude, ros.altitude)
+    if ros.status.status >= 0:  # -1 is STATUS_NO_FIX
+        track.place(t_s, ros.latitude, ros.longitude, ros.altitude)
 
 
 _TAKERS: Mapping[str, Callable[[TrackBuilder, float, Any], None]] = {

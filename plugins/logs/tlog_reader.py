@@ -28,9 +28,11 @@ def read_tlog(path: Path) -> LoggedFlight:
     """Return the flight of the vehicle that a .tlog has most of. Raises LogError."""
     codec = Codec(system_id=255, component_id=190)
     skipped = _Skipped()
+    taken_bytes = 0
     messages: list[tuple[float, Any]] = []
     for t_s, raw in _frames(path.read_bytes(), skipped):
         for frame in codec.split(raw):
+            taken_bytes += len(frame.raw)
             if frame.component != _AUTOPILOT or frame.message_id not in _TAKEN:
                 continue
             if (message := codec.decode(frame)) is not None:
@@ -45,8 +47,14 @@ def read_tlog(path: Path) -> LoggedFlight:
     for t_s, message in messages:
         if message.get_srcSystem() == system:
             vehicle.receive(t_s, message)
-    damaged = f"{skipped.bytes} bytes are damaged, and were skipped"
-    return vehicle.flight((damaged,) if skipped.bytes else ())
+    # The codec keeps the last bytes where they may be the begin of a frame.
+    lost = skipped.bytes + codec.bytes_seen - taken_bytes
+    problems = [f"{lost} bytes are damaged, and were skipped"] if lost else []
+    others = sorted({message.get_srcSystem() for _, message in messages} - {system})
+    if others:
+        names = ", ".join(map(str, others))
+        problems.append(f"it has other vehicles, which were left out: system {names}")
+    return vehicle.flight(tuple(problems))
 
 
 class _Skipped:

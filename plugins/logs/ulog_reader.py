@@ -17,6 +17,7 @@ _POSITION = (
 _BATTERY = ("voltage_v", "voltage_filtered_v", "current_a", "current_filtered_a")
 _ARMED = 2
 """vehicle_status.ARMING_STATE_ARMED."""
+_HEAD_BYTES, _MESSAGE_HEAD_BYTES = 16, 3
 _RELEASES = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 
 
@@ -38,7 +39,7 @@ def read_ulog(path: Path) -> LoggedFlight:
     parameters = {name: float(value) for name, value in log.initial_parameters.items()}
     for _t_us, name, value in log.changed_parameters:
         parameters[str(name)] = float(value)
-    problems = ["it is damaged: its readable part is used"] if log.file_corruption else []
+    problems = list(_problems(log, path))
     return LoggedFlight(
         kind="a log of PX4",
         autopilot="px4",
@@ -51,6 +52,22 @@ def read_ulog(path: Path) -> LoggedFlight:
         power=list(_power(log)),
         problems=tuple(problems),
     )
+
+
+def _problems(log: Any, path: Path) -> Iterator[str]:
+    """Yield what a log lacks: pyulog ends without a word where a file is cut off, or out of step.
+
+    https://docs.px4.io/main/en/dev_guide/ulog_file_format: a head of 16 bytes, and messages, each
+    of them with its size (uint16) and type before it.
+    """
+    data, at = path.read_bytes(), _HEAD_BYTES
+    while at + _MESSAGE_HEAD_BYTES <= len(data):
+        at += _MESSAGE_HEAD_BYTES + int.from_bytes(data[at : at + 2], "little")
+    if at != len(data) or log.file_corruption:
+        yield "it is cut off or damaged: its readable part is used"
+    if log.dropouts:
+        lost_s = sum(dropout.duration for dropout in log.dropouts) * 1e-3
+        yield f"its logger lost {lost_s:.1f} s in {len(log.dropouts)} gaps"
 
 
 def _rows(log: Any, topic: str, names: Collection[str]) -> Iterator[dict[str, float]]:

@@ -126,7 +126,11 @@ def _points(message: Any, when: Sampled) -> LidarPointsReading:
             "itemsize": message.point_step,
         }
     )
-    cloud = np.frombuffer(bytes(message.data), kind, count=message.width * message.height)
+    data, row_bytes = bytes(message.data), message.width * message.point_step
+    # Rows may be padded; what is behind the only one is left alone.
+    step = message.row_step if message.height > 1 else row_bytes
+    rows = (data[row * step : row * step + row_bytes] for row in range(message.height))
+    cloud = np.frombuffer(b"".join(rows), kind, count=message.width * message.height)
     flu_m = np.stack([cloud[name] for name in names], axis=-1).astype(np.float32)
     return LidarPointsReading(
         *when.stamps,

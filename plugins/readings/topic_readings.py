@@ -176,7 +176,7 @@ class TopicDecoders:
             raise RecordingError(_MISSING) from error
         try:
             decoder: Decoder | None = DecoderFactory().decoder_for("cdr", schema)
-        except _FAULTS as error:
+        except Exception as error:  # it raises whatever a damaged definition causes
             raise RecordingError(f"its definition of {schema.name} is damaged: {error}") from error
         if decoder is None:
             raise RecordingError(f"its definition of {schema.name} is of an unsupported kind")
@@ -219,6 +219,7 @@ class TopicReadings:
         self._topic = topic
         self._mount = mount
         self._camera = camera
+        self._stream = RecordStream(path)
         self._readings: Iterator[Reading] = iter(())
         self.unusable = 0
         """How many unusable messages were skipped."""
@@ -260,8 +261,14 @@ class TopicReadings:
         listed = ", ".join(sorted(fitting)) or "none"
         raise SourceError(
             f"{self._path}: set `topic` to the readings of type {self._kind} to use (available: "
-            f"{listed})"
+            f"{listed}){self._damage}"
         )
+
+    @property
+    def _damage(self) -> str:
+        """Return in words where the recording is cut off or damaged; "" where it is whole."""
+        end = self._stream.end
+        return "" if end is None or end.whole else f"; it is {end.reason}"
 
     def _topics(self) -> Mapping[str, str]:
         kinds: dict[str, str] = {}
@@ -273,7 +280,7 @@ class TopicReadings:
 
     def _messages(self) -> Iterator[tuple[TopicDecoders, Message]]:
         decoders = TopicDecoders(mount=self._mount, camera=self._camera)
-        for record in RecordStream(self._path):
+        for record in self._stream:
             if isinstance(record, Schema | Channel):
                 decoders.receive(record)
             elif isinstance(record, Message):
@@ -296,9 +303,12 @@ class TopicReadings:
             yield reading
         if not there:
             listed = ", ".join(sorted(self._topics())) or "none"
-            raise SourceError(f"{self._path}: has no topic {topic!r} (available: {listed})")
+            what = f"has no topic {topic!r} (available: {listed}){self._damage}"
+            raise SourceError(f"{self._path}: {what}")
         if not used:
             raise SourceError(f"{self.name}: none of its messages is usable; the last one: {why}")
+        if self._damage:
+            raise SourceError(f"{self.name}: the recording is over{self._damage}")
 
     def _reading(self, decoders: TopicDecoders, message: Message) -> Reading:
         """Return the reading in a message. Raises SourceError for one of another type."""

@@ -20,6 +20,10 @@ from wil_campaign.worlds.frames import Pose, Quat, Vec3, quat_from_euler, slerp,
 from wil_campaign.worlds.geodesy import Geodetic, LocalFrame
 
 _MAX_ATTITUDES = 16
+_MOST_LATITUDE = 900_000_000
+"""1e-7 degrees; INT32_MAX, MAVLink's word for unknown, is more."""
+_REBOOT_S = 1.0
+"""A time stamp that goes back by less was reordered or doubled; by more, the clock restarted."""
 
 
 class EstimatePairing:
@@ -27,7 +31,8 @@ class EstimatePairing:
 
     A position waits for the first attitude that is not older, and gets the attitude interpolated
     at its time. If the next position comes first, it gets the last attitude when that is at most
-    `max_age_s` old; otherwise it is dropped and counted. Times are seconds since boot.
+    `max_age_s` old; otherwise it is dropped and counted, and so is one that is not newer than the
+    one that waits: overtaken or doubled on the link. Times are seconds since boot.
     """
 
     def __init__(self, *, max_age_s: float = 0.2) -> None:
@@ -40,7 +45,7 @@ class EstimatePairing:
         """Take an attitude; return the estimate that it completes."""
         attitudes = self._attitudes
         if attitudes and boot_s < attitudes[-1][0]:
-            if boot_s > attitudes[-1][0] - 1.0:
+            if boot_s > attitudes[-1][0] - _REBOOT_S:
                 return None
             self.restart()
         attitudes.append((boot_s, q_wxyz))
@@ -56,6 +61,9 @@ class EstimatePairing:
         """Take a position; return the estimates complete now, in order of time."""
         late: LocalEstimate | None = None
         if self._waiting is not None:
+            if self._waiting[0] - _REBOOT_S < boot_s <= self._waiting[0]:
+                self.dropped += 1
+                return ()
             late = self._complete(*self._waiting)
             self._waiting = None
         if self._attitudes and self._attitudes[-1][0] >= boot_s:
@@ -95,9 +103,6 @@ class EstimatePairing:
 _POSITION: Struct = mavlink.MAVLink_local_position_ned_message.unpacker
 _QUATERNION: Struct = mavlink.MAVLink_attitude_quaternion_message.unpacker
 """Both payloads have their fields in the order of their definition, time_boot_ms first."""
-
-_REBOOT_S = 1.0
-"""A time stamp that goes back by less was reordered or doubled; by more, the clock restarted."""
 
 EstimateListener = Callable[[EstimateSample], None]
 
@@ -254,6 +259,9 @@ class Estimates:
         return sample
 
     def _global(self, message: Any, _t_s: float) -> None:
+        if abs(message.lat) > _MOST_LATITUDE:
+            self.not_numbers += 1
+            return
         # ArduPilot sends zeros before it has a position.
         if message.lat or message.lon:
             self.amsl_m = message.alt * 1e-3

@@ -177,12 +177,11 @@ class RosMessages:
 
     def fix(self, reading: GpsReading, stamp_ns: int, frame: str) -> bytes:
         """Return a NavSatFix; the altitude is above the ellipsoid in both."""
-        has_fix = reading.fix_type >= 2
         level, up = reading.horizontal_accuracy_m**2, reading.vertical_accuracy_m**2
         return self._cdr(
             FIX,
             self._header(stamp_ns, frame),
-            self._make("sensor_msgs/msg/NavSatStatus", 0 if has_fix else -1, 1),
+            self._make("sensor_msgs/msg/NavSatStatus", _fix_status(reading.fix_type), 1),
             reading.latitude_deg,
             reading.longitude_deg,
             reading.altitude_m,
@@ -265,6 +264,11 @@ class RosMessages:
 
     def _cdr(self, name: str, *fields: object) -> bytes:
         return self._types.serialize(self._make(name, *fields), name)
+
+
+def _fix_status(fix_type: int) -> int:
+    """Return NavSatStatus by MAVLink's GPS_FIX_TYPE: none, a fix, with SBAS, by ground stations."""
+    return -1 if fix_type < 2 else min(max(0, fix_type - 3), 2)
 
 
 def _floats(values: Sequence[float] | np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

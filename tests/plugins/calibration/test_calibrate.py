@@ -18,6 +18,7 @@ from wil_campaign.orchestrator.recording.judge_log_file import JudgeLogWriter
 from wil_campaign.orchestrator.recording.mcap.mcap_writer import McapRecorder
 from wil_campaign.orchestrator.recording.timestamps import VIRTUAL_EPOCH_S
 from wil_campaign.plugins.calibration.boards import CharucoBoard
+from wil_campaign.plugins.calibration.body_paths import path_in_csv
 from wil_campaign.plugins.calibration.measurement import as_yaml
 from wil_campaign.safety.model.samples import PoseSample
 from wil_campaign.vehicles.readings import CameraReading
@@ -300,3 +301,10 @@ def test_the_board_that_is_drawn_is_the_one_that_is_found(tmp_path: Path) -> Non
     found = CHARUCO.find(np.asarray(drawn, np.uint8))
     assert found is not None
     assert len(found.pixels) == 35
+
+
+def test_poses_of_a_spreadsheet_begin_with_a_mark_of_their_encoding(tmp_path: Path) -> None:
+    path = poses_csv(tmp_path / "poses.csv")
+    plain = path_in_csv(path)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert path_in_csv(path).t_s.tolist() == plain.t_s.tolist()

@@ -1,14 +1,18 @@
 """`init --from LOG`: a campaign around a logged flight, and what cannot be one."""
 
 import math
+import struct
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import yaml
+from mcap.writer import Writer as McapWriter
 from mcap_ros2.writer import Writer
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.orchestrator.conftest import Fly
+from tests.orchestrator.recording.ros2_bag import vector, write_bag
 from tests.plugins.logs.logs_of_flights import CORNERS, EPOCH_S, FRAME, flown, write_tlog
 from wil_campaign.campaigns.schema.vehicles import BodyPart
 from wil_campaign.campaigns.setup.vehicle_setups import EMBEDDED_BODY
@@ -27,7 +31,9 @@ from wil_campaign.plugins.logs.start import battery_of
 from wil_campaign.vehicles.embedded.autopilot.flight.parameter_table import Parameter, Parameters
 from wil_campaign.vehicles.embedded.autopilot.services.log_formats import ULog
 from wil_campaign.vehicles.embedded.physics.states import Motion
+from wil_campaign.vehicles.mavlink.codec import Codec
 
+LOCAL_POSITION_NED = 32
 Capture = pytest.CaptureFixture[str]
 ODOMETRY = """\
 std_msgs/Header header
@@ -213,7 +219,89 @@ def test_a_log_that_was_cut_off(tmp_path: Path, kind: str, share: float) -> None
         with pytest.raises(LogError, match=r"cannot be read as an MCAP file|was it cut off"):
             read_log(path)
     else:
-        assert len(read_log(path).track) >= share * 60
+        flight = read_log(path)
+        assert len(flight.track) >= share * 60
+        if kind != "bin":  # its last page ends anywhere
+            assert any("damaged" in text for text in flight.problems)
+
+
+@pytest.mark.parametrize(
+    "garbage",
+    [bytes(range(40, 90)), bytes(400), b"\xa3\x95\xee" * 9],
+    ids=["text", "zeros", "heads"],
+)
+def test_behind_damage_a_dataflash_log_is_read_on(tmp_path: Path, garbage: bytes) -> None:
+    path = of_kind("bin", tmp_path)
+    data = path.read_bytes()
+    whole = read_log(path)
+    at = data.index(b"\xa3\x95", len(data) // 2) + 2
+    path.write_bytes(data[:at] + garbage + data[at:])
+    found = read_log(path)
+    assert len(found.track) >= len(whole.track) - 1
+    assert (whole.problems, len(found.problems)) == ((), 1)
+
+
+def test_a_ulog_tells_what_its_logger_lost(tmp_path: Path) -> None:
+    path = of_kind("ulg", tmp_path)
+    with path.open("ab") as stream:
+        stream.write(struct.pack("<HBH", 2, ord("O"), 1500))
+    assert read_log(path).problems == ("its logger lost 1.5 s in 1 gaps",)
+
+
+def test_frames_of_a_tlog_with_another_checksum_are_counted(tmp_path: Path) -> None:
+    path = write_tlog(tmp_path / "flight.tlog")
+    data, at, lost = bytearray(path.read_bytes()), 0, 0
+    while at < len(data):
+        length = 12 + data[at + 9]
+        if data[at + 15] == LOCAL_POSITION_NED and at > len(data) // 2:
+            data[at + 20] ^= 0x55
+            lost += length
+        at += 8 + length
+    path.write_bytes(data)
+    assert read_log(path).problems == (f"{lost} bytes are damaged, and were skipped",)
+
+
+def test_vehicles_of_a_tlog_that_are_left_out_are_named(tmp_path: Path) -> None:
+    path = write_tlog(tmp_path / "flight.tlog")
+    other = Codec(system_id=9, component_id=1)
+    raw = other.pack(mavlink.MAVLink_local_position_ned_message(0, 90, 0, 0, 0, 0, 0))
+    path.write_bytes(path.read_bytes() + struct.pack(">Q", round(EPOCH_S * 1e6)) + raw)
+    (problem,) = read_log(path).problems
+    assert problem.endswith("left out: system 9")
+
+
+def test_the_topics_of_a_bag_that_are_left_out_are_named(tmp_path: Path) -> None:
+    schema = "geometry_msgs/msg/PoseStamped"
+    place = {"position": vector(1.0, 2.0, 3.0), "orientation": {**vector(0, 0, 0), "w": 1.0}}
+    bag = [(topic, schema, EPOCH_S, {"pose": place}) for topic in ("/mine", "/other")]
+    problems = read_log(write_bag(tmp_path / "two.mcap", bag)).problems
+    assert "its topics /other were left out: /mine is used" in problems
+
+
+def test_a_place_without_a_fix_is_no_place(tmp_path: Path) -> None:
+    covariance = {"position_covariance": [0.0] * 9, "position_covariance_type": 0}
+    bag = []
+    for k, (status, latitude_deg) in enumerate(((-1, 10.0), (0, 47.0), (0, 47.0))):
+        place = {"latitude": latitude_deg, "longitude": 8.0, "altitude": 500.0, **covariance}
+        fields = {"status": {"status": status, "service": 1}, **place}
+        bag.append(("/fix", "sensor_msgs/msg/NavSatFix", EPOCH_S + k, fields))
+    flight = read_log(write_bag(tmp_path / "fix.mcap", bag))
+    assert flight.origin is not None
+    assert (flight.origin.latitude_deg, len(flight.track)) == (47.0, 2)
+
+
+def test_a_bag_with_a_damaged_definition_is_refused(tmp_path: Path) -> None:
+    path = of_kind("mcap", tmp_path)
+    with path.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start("ros2")
+        text = ODOMETRY.replace("geometry_msgs/Pose pose", "geometry!msgs/Pose pose")
+        schema = writer.register_schema("nav_msgs/msg/Odometry", "ros2msg", text.encode())
+        channel = writer.register_channel("/odom", "cdr", schema)
+        writer.add_message(channel, log_time=1, publish_time=1, data=bytes(99))
+        writer.finish()
+    with pytest.raises(LogError, match="cannot be read as an MCAP file"):
+        read_log(path)
 
 
 def test_damage_in_a_tlog_is_skipped_and_reported(tmp_path: Path) -> None:

@@ -266,6 +266,15 @@ def test_points_are_forward_right_down(tmp_path: Path, order: str) -> None:
     assert found.points_frd_m.dtype == np.float32
 
 
+def test_padding_behind_the_rows_of_a_cloud_is_no_point(tmp_path: Path) -> None:
+    flat = cloud((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+    first, second = flat["data"][:16], flat["data"][16:]
+    rows = {"height": 2, "width": 1, "row_step": 20}
+    padded = {**flat, **rows, "data": [*first, *[9] * 4, *second, *[9] * 4]}
+    found = one_of(tmp_path, "lidar_points", "sensor_msgs/msg/PointCloud2", padded)
+    assert found.points_frd_m.tolist() == [[1.0, -2.0, -3.0], [4.0, -5.0, -6.0]]
+
+
 def test_an_imu_at_rest_feels_gravity_upwards(tmp_path: Path) -> None:
     found = one_of(tmp_path, "imu", "sensor_msgs/msg/Imu", imu())
     assert isinstance(found, ImuReading)
@@ -399,6 +408,22 @@ def test_without_the_extra_the_remedy_is_named(
         read(path, "rangefinder")
 
 
+def test_where_a_recording_is_cut_off_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    schema = "sensor_msgs/msg/Range"
+    write_bag(path, [("/it", schema, AT_S + k, distance(1.0)) for k in range(3)])
+    data = path.read_bytes()
+    path.write_bytes(data[:-8])
+    file = TopicReadings(path=path, kind="rangefinder")
+    file.open()
+    assert [file.next() is not None for _ in range(3)] == [True] * 3
+    with pytest.raises(SourceError, match="the recording is over; it is cut after byte"):
+        file.next()
+    path.write_bytes(data[:8])
+    with pytest.raises(SourceError, match=r"available: none\); it is cut after byte 8"):
+        read(path, "rangefinder")
+
+
 def test_a_damaged_message_or_definition_is_named(tmp_path: Path) -> None:
     good = write_bag(tmp_path / "bag.mcap", [("/it", "sensor_msgs/msg/Range", AT_S, distance(1.0))])
     file = TopicReadings(path=good, kind="rangefinder")
@@ -408,3 +433,9 @@ def test_a_damaged_message_or_definition_is_named(tmp_path: Path) -> None:
         cut = type(message)(**{**vars(message), "data": message.data[:size]})
         with pytest.raises(SourceError, match="message 0 "):
             file._reading(decoders, cut)
+    for old, new in ((b"float32", b"float 32"), (b"radiation_type", b"radi*tion_type")):
+        decoders, message = next(iter(file._messages()))
+        for schema in decoders._schemas.values():
+            schema.data = schema.data.replace(old, new)
+        with pytest.raises(SourceError, match="is damaged"):
+            file._reading(decoders, message)

@@ -77,8 +77,24 @@ def test_a_vehicle_that_crosses_the_date_line_is_beyond_it() -> None:
         Codec(system_id=1, component_id=1),
     )
     estimates.local = LocalEstimate(0.0, Pose((0.0, 0.0, -1.0)), (0.0, 0.0, 0.0))
-    for longitude in (1_799_999_900, 1_800_000_100):
-        message = mavlink.MAVLink_global_position_int_message(0, 0, longitude, 0, 0, 0, 0, 0, 0)
+    unknown = 2**31 - 1
+    for place in ((0, 1_799_999_900), (0, 1_800_000_100), (unknown, unknown)):
+        message = mavlink.MAVLink_global_position_int_message(0, *place, 0, 0, 0, 0, 0, 0)
         session.received(codec.pack(message), 0.0)
     assert estimates.place_deg is not None
     assert estimates.place_deg[1] == pytest.approx(-179.99999)
+    assert estimates.not_numbers == 1
+
+
+@pytest.mark.parametrize("again_s", [1.01, 1.005])
+def test_a_position_that_comes_again_or_late_takes_no_attitude_from_the_one_that_waits(
+    again_s: float,
+) -> None:
+    pairing = EstimatePairing()
+    pairing.attitude(1.0, _yaw(0.0))
+    assert pairing.position(1.01, HERE, STILL) == ()
+    assert pairing.position(again_s, HERE, STILL) == ()
+    estimate = pairing.attitude(1.02, _yaw(0.2))
+    assert estimate is not None
+    assert estimate.pose.yaw_rad == pytest.approx(0.1)
+    assert pairing.dropped == 1

@@ -1,5 +1,7 @@
 """Messages of readings, as rosbags reads them: values, axes, and the same bytes that it writes."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -171,8 +173,9 @@ def test_a_fix_has_variances_and_says_when_it_is_none() -> None:
     message = read(MAKE.fix(fix, STAMP_NS, "gps"), FIX)
     assert (message.latitude, message.longitude, message.altitude) == (47.0, 8.5, 450.0)
     assert list(message.position_covariance) == [2.25, 0, 0, 0, 2.25, 0, 0, 0, 4.0]
-    none = GpsReading(1.0, 1.0, 0, "mixed", 0.0, 0.0, 0.0, (0.0, 0.0, 0.0), 9.0, 9.0, fix_type=1)
-    assert read(MAKE.fix(none, STAMP_NS, "gps"), FIX).status.status == -1
+    for fix_type, status in ((1, -1), (2, 0), (3, 0), (4, 1), (5, 2), (6, 2)):
+        other = MAKE.fix(replace(fix, fix_type=fix_type), STAMP_NS, "gps")
+        assert read(other, FIX).status.status == status
 
 
 def test_a_range_reading_becomes_a_message() -> None:
