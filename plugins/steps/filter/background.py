@@ -116,9 +116,14 @@ class _LearnedBackground:
         self._learn = p.learn
         self._specks_px = p.remove_specks_px
         self._seen = 0
+        self._shape: tuple[int, ...] = ()
 
     def __call__(self, work: Work, other: AnyMasked | None) -> Work:  # noqa: ARG002 - the interface
-        found = self._model.apply(work.reading.image_bgr)
+        image = work.reading.image_bgr
+        if image.shape != self._shape:
+            # OpenCV's model begins anew with another size.
+            self._shape, self._seen = image.shape, 0
+        found = self._model.apply(image)
         mask = _above(found, _SHADOW)
         if self._seen < self._learn:
             mask[:] = 0

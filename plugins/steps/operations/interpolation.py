@@ -12,6 +12,7 @@ from wil_campaign.vehicles.readings import (
     RangefinderReading,
     Reading,
 )
+from wil_campaign.vehicles.readings.kinds import traits_of
 from wil_campaign.worlds.frames import lerp
 
 INTERPOLATED = ("pose", "gps", "imu", "rangefinder", "lidar")
@@ -47,7 +48,7 @@ def between(a: Reading, b: Reading, t_s: float) -> Reading | None:
             known = np.isfinite(a.range_m) and np.isfinite(b.range_m)
             held = nearer if isinstance(nearer, RangefinderReading) else a
             return replace(a, t_s=t_s, range_m=value if known else held.range_m)
-        case LidarScanReading(), LidarScanReading() if a.ranges_m.shape == b.ranges_m.shape:
+        case LidarScanReading(), LidarScanReading() if not traits_of(type(a)).mismatch(a, b):
             return _scan(a, b, fraction, t_s)
         case _:
             return None

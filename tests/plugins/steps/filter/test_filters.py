@@ -219,10 +219,12 @@ def test_a_moving_object_stands_out_from_a_learned_background(method: Any) -> No
     assert (mask[:15] == 0).mean() > 0.99
 
 
-def test_nothing_is_kept_while_the_background_is_learned() -> None:
-    step = build("subtract_background", learn=2)
-    masks = [step(Masked(camera()), None).mask.any() for _ in range(2)]
-    assert masks == [False, False]
+@pytest.mark.parametrize("method", ["mog2", "knn"])
+def test_nothing_is_kept_while_the_background_is_learned(method: Any) -> None:
+    step = build("subtract_background", method=method, learn=5)
+    for image in (plain(), plain(width=100, height=80)):
+        masks = [step(Masked(camera(image)), None).mask.any() for _ in range(5)]
+        assert masks == [False] * 5
 
 
 def test_the_background_may_be_a_picture(tmp_path: Path) -> None:

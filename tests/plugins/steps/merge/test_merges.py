@@ -179,8 +179,8 @@ def test_an_image_of_one_pixel_is_mixed_too() -> None:
     assert build("aggregate", by="mean")({**sides, "twin": empty}).image_bgr.tolist() == [
         [[255] * 3]
     ]
-    for options in ({}, {"exposure": False}):
-        match = build("match_photometry", stage="filter", **options)
+    for exposure in (True, False):
+        match = build("match_photometry", stage="filter", exposure=exposure)
         assert match(Masked(twin), Masked(real)).reading.image_bgr.tolist() == [[[55] * 3]]
     assert build("subtract_background")(Masked(twin), None).mask.shape == (1, 1)
 

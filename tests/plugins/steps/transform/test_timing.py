@@ -86,6 +86,8 @@ def test_between_two_readings_of_each_kind() -> None:
     )
     assert angle_between(turned.pose.q_wxyz, quat_from_euler(0, 0, 0.5)) < 1e-9
     assert between(scan([1], t_s=0.0), scan([1, 2], t_s=1.0), 0.5) is None
+    east = scan([1, 2], t_s=1.0, start_angle_rad=0.0)
+    assert between(scan([1, 2], t_s=0.0), east, 0.5) is None
     assert between(cloud([[1, 2, 3]], t_s=0.0), cloud([[1, 2, 3]], t_s=1.0), 0.5) is None
 
 
