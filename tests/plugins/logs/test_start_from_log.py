@@ -245,7 +245,7 @@ def test_a_ulog_tells_what_its_logger_lost(tmp_path: Path) -> None:
     path = of_kind("ulg", tmp_path)
     with path.open("ab") as stream:
         stream.write(struct.pack("<HBH", 2, ord("O"), 1500))
-    assert read_log(path).problems == ("its logger lost 1.5 s in 1 gaps",)
+    assert read_log(path).problems == ("its logger lost 1.50 s in 1 gaps",)
 
 
 def test_frames_of_a_tlog_with_another_checksum_are_counted(tmp_path: Path) -> None:
@@ -343,7 +343,9 @@ def test_positions_that_a_px4_calls_invalid_are_left_out_of_a_bag_too(tmp_path: 
             message = dict.fromkeys(("xy_valid", "z_valid"), known) | {"x": 1.0 if known else 900.0}
             writer.write_message("/fmu/out/vehicle_local_position", schema, message, k, k)
         writer.finish()
-    assert [point.north_m for point in read_log(tmp_path / "px4.mcap").track] == [1.0, 1.0]
+    flight = read_log(tmp_path / "px4.mcap")
+    assert [point.north_m for point in flight.track] == [1.0, 1.0]
+    assert "1 of its 3 positions are invalid, and were left out" in flight.problems
 
 
 def test_of_two_estimators_in_a_dataflash_log_one_is_the_track(tmp_path: Path) -> None:
