@@ -25,6 +25,7 @@ class VideoFile:
         self._container: Any = None
         self._frames: Any = None
         self._first_s: float | None = None
+        self._last_s = self._longest_s = self._stated_s = 0.0
 
     @property
     def name(self) -> str:
@@ -50,6 +51,7 @@ class VideoFile:
         stream.codec_context.thread_count = 1
         self._check_size(stream.codec_context.width, stream.codec_context.height)
         stream.codec_context.options = {"max_pixels": str(MAX_IMAGE_PIXELS)}
+        self._stated_s = _stated_end_s(stream.metadata.get("DURATION", ""))
         self._frames = self._container.decode(stream)
 
     def next(self) -> RecordedImage | None:
@@ -59,16 +61,30 @@ class VideoFile:
         except av.error.FFmpegError as error:
             raise SourceError(f"{self.name}: the file is damaged: {error.strerror}") from error
         if frame is None:
+            self._check_end()
             return None
         self._check_frame(frame)
         if self._first_s is None:
-            self._first_s = frame.time
+            self._first_s = self._last_s = frame.time
+        self._longest_s = max(self._longest_s, frame.time - self._last_s)
+        self._last_s = frame.time
         return RecordedImage(frame.time - self._first_s, frame.to_ndarray(format="bgr24"))
 
     def close(self) -> None:
         """Close the video file."""
         if self._container is not None:
             self._container.close()
+
+    def _check_end(self) -> None:
+        """Raise SourceError where images are missing at the end: FFmpeg tells of Matroska nothing.
+
+        The last image may be shown as long as any other one, and once more for rounding.
+        """
+        if self._longest_s and self._last_s + 2.0 * self._longest_s < self._stated_s:
+            raise SourceError(
+                f"{self.name}: the file is cut off: its last image is at {self._last_s:.3f} s, and "
+                f"it states {self._stated_s:.3f} s; copy it again, or cut it there"
+            )
 
     def _check_size(self, width_px: int, height_px: int) -> None:
         try:
@@ -93,6 +109,12 @@ class VideoFile:
                 f"{self.name}: the video is marked as rotated by {frame.rotation} degrees, as "
                 "phones do; convert it upright: ffmpeg -i IN OUT.mp4"
             )
+
+
+def _stated_end_s(written: str) -> float:
+    """Return the end of a video's images as Matroska states it ("00:01:02.5"); 0 if it does not."""
+    match = re.fullmatch(r"(\d+):(\d+):(\d+(?:\.\d*)?)", written.strip("\0 "))
+    return 0.0 if match is None else 3600 * int(match[1]) + 60 * int(match[2]) + float(match[3])
 
 
 class ImageFolder:

@@ -148,8 +148,8 @@ def _fault(reading: LidarScanReading) -> Fault | None:
     if not are_finite((reading.start_angle_rad, reading.step_rad)):
         angles = f"start_angle_rad {reading.start_angle_rad}, step_rad {reading.step_rad}"
         return Fault("not_finite", f"the beams' angles are not finite: {angles}")
-    if len(ranges) > 1 and not reading.step_rad:
-        return Fault("out_of_range", f"step_rad is 0 between {len(ranges)} beams")
+    if reading.step_rad == 0.0 and len(ranges) > 1:
+        return Fault("out_of_range", f"all of its {len(ranges)} beams look the same way: no step")
     fault = limits_fault(reading.range_min_m, reading.range_max_m)
     return fault or distances_fault(ranges, "range")
 

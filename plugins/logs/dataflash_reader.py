@@ -155,7 +155,7 @@ class _Vehicle:
             origin=self._track.origin,
             armed=self._armed,
             power=self._power,
-            problems=tuple(problems),
+            problems=(*problems, *self._track.problems),
         )
 
 

@@ -43,7 +43,7 @@ def read_ros_bag(path: Path) -> LoggedFlight:
         raise LogError(f"{path} cannot be read as an MCAP file: {error}") from error
     if not topics:
         raise LogError(_no_pose(path, summary))
-    problems = ["a bag has no parameters, firmware and arming"]
+    problems = ["a bag has no parameters, firmware and arming", *track.problems]
     others = sorted({topic for named in topics.values() for topic in named} - wanted.keys())
     if others:
         problems.append(
@@ -76,8 +76,7 @@ def _no_pose(path: Path, summary: Any) -> str:
 
 
 def _receive_px4(track: TrackBuilder, t_s: float, ros: Any) -> None:
-    if ros.xy_valid and ros.z_valid:
-        track.local(t_s, ros.x, ros.y, ros.z)
+    track.local(t_s, ros.x, ros.y, ros.z, is_valid=ros.xy_valid and ros.z_valid)
     track.yaw(t_s, ros.heading)
     if ros.xy_global and ros.z_global:
         track.set_origin(ros.ref_lat, ros.ref_lon, ros.ref_alt)

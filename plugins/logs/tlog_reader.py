@@ -181,7 +181,7 @@ class _Vehicle:
             origin=self._track.origin,
             armed=self._armed,
             power=self._power,
-            problems=problems,
+            problems=(*problems, *self._track.problems),
         )
 
 

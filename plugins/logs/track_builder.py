@@ -20,12 +20,17 @@ class TrackBuilder:
         self._places: list[tuple[float, Geodetic]] = []
         self._yaws: list[tuple[float, float]] = []
         self._origin: Geodetic | None = None
+        self._left_out = 0
 
-    def local(self, t_s: float, north_m: float, east_m: float, down_m: float) -> None:
-        """Add a position in the autopilot's local NED frame, in metres."""
+    def local(
+        self, t_s: float, north_m: float, east_m: float, down_m: float, *, is_valid: bool = True
+    ) -> None:
+        """Add a position in the autopilot's local NED frame, in metres. is_valid: by the log."""
         values = (t_s, north_m, east_m, down_m)
-        if all(map(isfinite, values)) and max(map(abs, values[1:])) < _MOST_M:
+        if is_valid and all(map(isfinite, values)) and max(map(abs, values[1:])) < _MOST_M:
             self._local.append((t_s, north_m, east_m, -down_m))
+        else:
+            self._left_out += 1
 
     def place(self, t_s: float, latitude_deg: float, longitude_deg: float, alt_m: float) -> None:
         """Add a place on Earth; zeros are no place."""
@@ -41,6 +46,12 @@ class TrackBuilder:
         """Set the place of the local frame's origin, unless it is known."""
         if self._origin is None and is_place(latitude_deg, longitude_deg) and isfinite(alt_m):
             self._origin = Geodetic(latitude_deg, longitude_deg, alt_m)
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Return in words how many local positions were left out; empty for none."""
+        out, of = self._left_out, self._left_out + len(self._local)
+        return (f"{out} of its {of} positions are invalid, and were left out",) if out else ()
 
     @property
     def origin(self) -> Geodetic | None:

@@ -39,7 +39,7 @@ def read_ulog(path: Path) -> LoggedFlight:
     parameters = {name: float(value) for name, value in log.initial_parameters.items()}
     for _t_us, name, value in log.changed_parameters:
         parameters[str(name)] = float(value)
-    problems = list(_problems(log, path))
+    problems = (*_problems(log, path), *track.problems)
     return LoggedFlight(
         kind="a log of PX4",
         autopilot="px4",
@@ -50,7 +50,7 @@ def read_ulog(path: Path) -> LoggedFlight:
         origin=track.origin,
         armed=list(_armed(log)),
         power=list(_power(log)),
-        problems=tuple(problems),
+        problems=problems,
     )
 
 
@@ -67,7 +67,7 @@ def _problems(log: Any, path: Path) -> Iterator[str]:
         yield "it is cut off or damaged: its readable part is used"
     if log.dropouts:
         lost_s = sum(dropout.duration for dropout in log.dropouts) * 1e-3
-        yield f"its logger lost {lost_s:.1f} s in {len(log.dropouts)} gaps"
+        yield f"its logger lost {lost_s:.2f} s in {len(log.dropouts)} gaps"
 
 
 def _rows(log: Any, topic: str, names: Collection[str]) -> Iterator[dict[str, float]]:
@@ -82,8 +82,8 @@ def _rows(log: Any, topic: str, names: Collection[str]) -> Iterator[dict[str, fl
 
 
 def _receive_position(track: TrackBuilder, row: dict[str, float]) -> None:
-    if row.get("xy_valid", 1.0) and row.get("z_valid", 1.0):
-        track.local(row["t_s"], row["x"], row["y"], row["z"])
+    is_valid = bool(row.get("xy_valid", 1.0) and row.get("z_valid", 1.0))
+    track.local(row["t_s"], row["x"], row["y"], row["z"], is_valid=is_valid)
     yaw = row.get("heading", row.get("yaw", math.nan))
     track.yaw(row["t_s"], yaw)
     if row.get("xy_global", 0.0) and row.get("z_global", 0.0):

@@ -52,11 +52,10 @@ def decode_frame(data: bytes | memoryview) -> CaptureFrame:
     bodies = header.headers("bodies")
     if len(bodies) > MAX_BODIES:
         raise BadMessageError(f"it has {len(bodies)} bodies, more than {MAX_BODIES}")
-    return CaptureFrame(
-        header.whole("seq"),
-        header.number("t_s"),
-        tuple(_body(each, is_enu=axes == "enu") for each in bodies),
-    )
+    found = tuple(_body(each, is_enu=axes == "enu") for each in bodies)
+    if len({body.name for body in found}) != len(found):
+        raise BadMessageError("`bodies` lists a name twice")
+    return CaptureFrame(header.whole("seq"), header.number("t_s"), found)
 
 
 def pose_from_enu(position_enu_m: Vec3, q_enu_from_flu: Quat) -> Pose:

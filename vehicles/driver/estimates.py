@@ -201,6 +201,9 @@ class Estimates:
         self._attitude(boot_ms * 1e-3, (w, x, y, z), t_s)
 
     def _angles(self, message: Any, t_s: float) -> None:
+        if not math.isfinite(message.roll + message.pitch + message.yaw):
+            self.not_numbers += 1
+            return
         q_wxyz = quat_from_euler(message.roll, message.pitch, message.yaw)
         self._attitude(message.time_boot_ms * 1e-3, q_wxyz, t_s)
 

@@ -142,6 +142,10 @@ def test_a_video_cut_short_ends_or_says_so(tmp_path: Path) -> None:
     whole = video(tmp_path / "v.mp4", [k / 30 for k in range(30)]).read_bytes()
     (tmp_path / "cut.mp4").write_bytes(whole[: len(whole) // 2])
     refused(VideoFile(path=tmp_path / "cut.mp4"), "decoded|broken|ended")
+    path = video(tmp_path / "v.mkv", [k / 10 for k in range(40)])
+    assert len(played(VideoFile(path=path))) == 40
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 3 // 4])
+    refused(VideoFile(path=path), "is cut off: its last image is at")
 
 
 def test_closing_waits_for_the_reading_thread(tmp_path: Path) -> None:

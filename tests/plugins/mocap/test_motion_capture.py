@@ -167,6 +167,7 @@ GARBAGE = [
     (packed(0, 1.0, bodies=[7]), "not a map"),
     (packed(0, 1.0, bodies=[{}] * 65), "65 bodies"),
     (packed(0, 1.0, bodies=[{"name": "drone"}]), "`position_m` is missing"),
+    (packed(0, 1.0, bodies=frame(0, 1.0)["bodies"] * 2), "lists a name twice"),
     (
         packed(0, 1.0, bodies=[{"name": "d", "position_m": [0] * 3, "q_wxyz": [0] * 4}]),
         "no direction",

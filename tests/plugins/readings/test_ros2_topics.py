@@ -248,6 +248,14 @@ def test_a_beam_that_is_too_near_or_not_measured_is_no_free_space(tmp_path: Path
     assert fault_of(one) is not None
 
 
+def test_a_scan_whose_sender_left_out_the_angle_between_beams_is_faulty(tmp_path: Path) -> None:
+    fields = {**scan(1.0, 2.0), "angle_increment": 0.0}
+    found = one_of(tmp_path, "lidar", "sensor_msgs/msg/LaserScan", fields)
+    fault = fault_of(found)
+    assert fault is not None
+    assert fault.kind == "out_of_range"
+
+
 @pytest.mark.parametrize("latitude_deg", [math.nan, 120.0])
 def test_a_fix_after_one_that_is_nowhere_is_read(tmp_path: Path, latitude_deg: float) -> None:
     schema = "sensor_msgs/msg/NavSatFix"

@@ -83,7 +83,9 @@ def test_a_vehicle_that_crosses_the_date_line_is_beyond_it() -> None:
         session.received(codec.pack(message), 0.0)
     assert estimates.place_deg is not None
     assert estimates.place_deg[1] == pytest.approx(-179.99999)
-    assert estimates.not_numbers == 1
+    infinite = mavlink.MAVLink_attitude_message(0, float("inf"), 0.0, 0.0, 0.0, 0.0, 0.0)
+    session.received(codec.pack(infinite), 0.0)
+    assert estimates.not_numbers == 2
 
 
 @pytest.mark.parametrize("again_s", [1.01, 1.005])
