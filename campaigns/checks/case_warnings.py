@@ -200,7 +200,7 @@ def _unperceived_mixture(
     """Yield a warning for a recipe that publishes no mixture to the vehicle that is judged."""
     if "wil" not in modes or case.recipe is None or files.recipe is None:
         return
-    reached = any("real" in combination.publish for combination in case.recipe.combinations)
+    reached = case.recipe.sensors_for("real")
     if not reached and not any(observer.feeds_autopilots for observer in case.observers.values()):
         message = (
             "nothing is published to 'real': the vehicle judged in mode wil perceives no mixture"

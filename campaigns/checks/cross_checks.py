@@ -362,13 +362,13 @@ def _goal_beyond_limits(
     files: CaseFiles, goal: GoalSetup, limits: SetpointLimits
 ) -> Iterator[Problem]:
     """Yield a goal to which no setpoint may lead; a takeoff is no setpoint, and goes beyond."""
-    heights: dict[Path, float] = {("goal", "altitude_m"): goal.altitude_m}
+    low_m, high_m = limits.floor_up_m, limits.ceiling_up_m
+    if low_m is None or high_m is None:
+        return
+    heights_m: dict[Path, float] = {("goal", "altitude_m"): goal.altitude_m}
     if goal.position_ned_m is not None:
-        heights["goal", "position"] = -goal.position_ned_m[2]
-    for path, up_m in heights.items():
-        low_m, high_m = limits.floor_up_m, limits.ceiling_up_m
-        if low_m is None or high_m is None:
-            return
+        heights_m["goal", "position"] = -goal.position_ned_m[2]
+    for path, up_m in heights_m.items():
         if not low_m + limits.keep_m <= up_m <= high_m - limits.keep_m:
             message = f"is not within limits.up_m [{low_m:g}, {high_m:g}] by keep_m"
             yield files.campaign.problem(path, f"{message} {limits.keep_m:g}")

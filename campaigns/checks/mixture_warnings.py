@@ -96,7 +96,7 @@ def unmixed_sensors(files: CaseFiles, case: Case) -> Iterator[Problem]:
         return
     if not virtual_only(case.world.scene("wil", "W"), case.world.scene("wil", "Wv")):
         return
-    mixed = {one.sensor.name for one in case.recipe.combinations if "real" in one.publish}
+    mixed = case.recipe.sensors_for("real")
     for sensor in case.vehicles["real"].sensors if mixed else ():
         if sensor.name not in mixed and traits_named(sensor.kind).visibility:
             message = f"mixes no '{sensor.name}' for 'real': it is the real one, without what is"

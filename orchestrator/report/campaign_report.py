@@ -37,8 +37,7 @@ from wil_campaign.orchestrator.report.rendering.page import (
 
 FILE_NAME = "report.html"
 _ALONE, _ALONE_BESIDE_SERVER = 8, 2
-"""Up to this many runs one process is as fast as several, which import anew but from a run server.
-"""
+"""Up to this many runs one process is as fast as several: spawned ones, those of a run server."""
 _FEW = 12
 """Up to this many failed runs have large frames: 7 per run, some 30 kB a frame."""
 _VIDEO_BYTES = 1_000_000

@@ -89,8 +89,7 @@ def _unmixed_sensor(
     files: CaseFiles, case: Case, path: Path, vehicle: VehicleSetup, injection: InjectionSetup
 ) -> Iterator[Problem]:
     """Yield an injection's sensor that the recipe does not mix for a vehicle."""
-    combinations = () if case.recipe is None else case.recipe.combinations
-    mixed = {one.sensor.name for one in combinations if vehicle.name in one.publish}
+    mixed = frozenset[str]() if case.recipe is None else case.recipe.sensors_for(vehicle.name)
     if injection.sensor is not None and injection.sensor not in mixed:
         message = f"the recipe mixes no '{injection.sensor}' for '{vehicle.name}'"
         yield files.campaign.problem((*path, "sensor"), message, closest(injection.sensor, mixed))

@@ -112,6 +112,10 @@ class Recipe:
     combinations: tuple[Combination, ...]
     document: Document
 
+    def sensors_for(self, vehicle: Side) -> frozenset[str]:
+        """Return the names of the sensors of which a vehicle gets mixtures."""
+        return frozenset(one.sensor.name for one in self.combinations if vehicle in one.publish)
+
     def references(self) -> tuple[str, ...]:
         """Return the user's code that the steps run, each once: file.py:name, or a network."""
         used = (

@@ -23,7 +23,7 @@ from wil_campaign.safety.guard.process.runtime_folder import open_runtime_folder
 
 _PRELOADED = "wil_campaign.orchestrator.campaign.workers.run_server_imports"
 _SAFE_PATH = "PYTHONSAFEPATH"
-IGNORED = (signal.SIGTERM, signal.SIGHUP)
+IGNORED_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 """They reach the whole process group; the server ends when its campaign does."""
 _STARTING = threading.Lock()
 """Held while the environment of this process is that of the run server."""
@@ -70,7 +70,7 @@ def running_context() -> ForkServerContext | None:
 
 def end_by_signals() -> None:
     """Have signals end this process, which was forked from the run server: that ignores them."""
-    for number in IGNORED:
+    for number in IGNORED_SIGNALS:
         signal.signal(number, signal.SIG_DFL)
 
 

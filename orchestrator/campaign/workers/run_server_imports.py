@@ -17,7 +17,10 @@ import cv2
 from wil_campaign.campaigns.expansion.case_reader import load_models
 from wil_campaign.foundation.files.problems import BadInput
 from wil_campaign.orchestrator.campaign.workers import run_order
-from wil_campaign.orchestrator.campaign.workers.run_server import IGNORED, remove_listeners_at_exit
+from wil_campaign.orchestrator.campaign.workers.run_server import (
+    IGNORED_SIGNALS,
+    remove_listeners_at_exit,
+)
 from wil_campaign.orchestrator.recording import run_video, video
 from wil_campaign.orchestrator.run.flight import run
 from wil_campaign.orchestrator.run.perception.warm_up import load_kept_kernels
@@ -25,7 +28,7 @@ from wil_campaign.orchestrator.run.stages import return_flight
 
 __all__ = ["return_flight", "run", "run_order", "run_video", "video"]
 
-for _number in IGNORED:
+for _number in IGNORED_SIGNALS:
     signal.signal(_number, lambda *_: None)
 cv2.setNumThreads(1)  # its threads would not exist in a fork
 remove_listeners_at_exit()

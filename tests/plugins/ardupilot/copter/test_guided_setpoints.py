@@ -129,6 +129,16 @@ def test_it_stops_in_flight(wrong: Any) -> None:
     assert flight.target.velocity_ned_m_s == (0.0, 0.0, 0.0)
 
 
+def test_another_mode_ends_a_pause() -> None:
+    bare = BareAutopilot("ardupilot")
+    bare.hover()
+    autopilot: Any = bare.autopilot
+    assert bare.command(mavlink.MAV_CMD_DO_PAUSE_CONTINUE, 0.0) == 0
+    assert autopilot.guided.paused is not None
+    assert bare.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 5) == 0
+    assert autopilot.guided.paused is None
+
+
 def test_a_stop_ends_a_pause() -> None:
     bare = BareAutopilot("ardupilot")
     bare.hover()

@@ -96,10 +96,13 @@ def test_the_state_of_a_mission_is_reported(rig: Any, virtually: Scenario, autop
             await begin(r)
             await r.until(lambda: len(r.of("MISSION_ITEM_REACHED")) == 1)
             assert await state() == mavlink.MISSION_STATE_ACTIVE
+            last = len(items) - 1
+            for seq in (last, last - 1):
+                assert await r.command(224, seq) == 0
+                assert r.vehicle.autopilot.flight.behaviour.seq == seq, "it is flown at once"
             hold = (4, 3) if autopilot == "px4" else (17, 0)
             assert await r.command(MODE, 1, *hold) == 0
             assert await state() == mavlink.MISSION_STATE_PAUSED
-            last = len(items) - 1
             assert await r.command(224, last) == 0
             assert await r.command(224, last + 1) == mavlink.MAV_RESULT_FAILED
             # PX4's command begins anew, its mode goes on; ArduCopter goes on by both.
