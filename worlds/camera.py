@@ -63,3 +63,9 @@ class CameraMount:
         level = Pose.of(0.0, 0.0, 0.0, yaw_rad=body.yaw_rad)
         position = body.to_parent(self.pose.position_ned_m)
         return Pose(position, level.compose(self.pose).q_wxyz)
+
+    def in_body(self, body: Pose) -> Pose:
+        """Return the camera's pose (FRD axes) in the body's frame; a gimbal's turns with it."""
+        if not self.stabilized:
+            return self.pose
+        return body.inverse().compose(self.camera_pose(body))

@@ -122,5 +122,6 @@ class GrabbedReadings(LiveReadings):
             depth_m=grabbed.depth_m,
             intrinsics=self._camera,
             rendered=False,
+            mount=self._request.mount,
         )
         self.offer(reading, skipped=grabbed.skipped)

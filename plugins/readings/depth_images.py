@@ -66,7 +66,8 @@ def ros_depth(message: Any, camera: Intrinsics) -> DepthImage:
         return metres_of(values)
     if np.isnan(values).all():
         raise BadMessageError("all of its distances are NaN")
-    return np.where(np.isfinite(values), values, np.inf).astype(np.float32)
+    # REP 117: -inf is nearer than what is measured.
+    return np.nan_to_num(values, nan=np.inf, posinf=np.inf, neginf=0.0).astype(np.float32)
 
 
 def ros1_image(data: bytes) -> Any:

@@ -202,7 +202,9 @@ def _depth(header: Header, when: Sampled) -> DepthReading:
         raise BadMessageError(f"`{key}` has {len(flat)} numbers, not {width_px}x{height_px}")
     image = flat.reshape(height_px, width_px)
     depth_m = metres_of(image) if key == "depth_mm" else image
-    return DepthReading(*when.stamps, depth_m=depth_m, intrinsics=camera, rendered=False)
+    return DepthReading(
+        *when.stamps, depth_m=depth_m, intrinsics=camera, rendered=False, mount=when.mount
+    )
 
 
 def _vector(header: Header, key: str) -> Vec3:

@@ -143,7 +143,13 @@ def _depth(message: Any, when: Sampled) -> DepthReading:
     if when.camera is None:
         raise BadMessageError("is an image, and the sensor is no depth camera")
     depth_m = ros_depth(message, when.camera)
-    return DepthReading(*when.stamps, depth_m=depth_m, intrinsics=when.camera, rendered=False)
+    return DepthReading(
+        *when.stamps,
+        depth_m=depth_m,
+        intrinsics=when.camera,
+        rendered=False,
+        mount=when.mount,
+    )
 
 
 def _imu(message: Any, when: Sampled) -> ImuReading:

@@ -119,7 +119,12 @@ class TopicDecoders:
         was = reading.intrinsics
         check_camera(self._camera, width_px=was.width_px, height_px=was.height_px, fx_px=was.fx_px)
         return replace(
-            reading, intrinsics=self._camera, object_ids=None, camera_pose=None, rendered=False
+            reading,
+            intrinsics=self._camera,
+            object_ids=None,
+            camera_pose=None,
+            rendered=False,
+            mount=self._mount,
         )
 
     def _ros2_schema(self, channel: Channel) -> Schema | None:

@@ -14,7 +14,7 @@ from wil_campaign.orchestrator.run.perception.autonomy_calls import AutonomyFaul
 from wil_campaign.plugins.ros2.messages.reading_messages import (
     is_stabilized,
     reading_messages,
-    sensor_transform,
+    sensor_frames,
     sensor_transforms,
 )
 from wil_campaign.plugins.ros2.messages.ros_frames import attitude_enu, enu
@@ -312,7 +312,8 @@ class NodeAutonomy:
     def _moving(self, pose: Pose) -> tuple[Transform, ...]:
         position, turned = enu(pose.position_ned_m), attitude_enu(pose.q_wxyz)
         body = Transform(ODOMETRY_FRAME, BODY_FRAME, position, turned)
-        return (body, *(sensor_transform(gimbal, pose) for gimbal in self._gimbals))
+        gimbals = (sensor_frames(gimbal, pose) for gimbal in self._gimbals)
+        return (body, *(frame for frames in gimbals for frame in frames))
 
     def _tick(self, t_s: float) -> int:
         """Publish the clock, which never goes back; return a time's stamp."""

@@ -10,7 +10,7 @@ from wil_campaign.vehicles.readings.images import Drawing, DrawnEffects
 from wil_campaign.vehicles.readings.messages import Json, bytes_of, number, vector
 from wil_campaign.vehicles.readings.traits import Parts
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 
 
 def decode_camera(document: Json, parts: Parts) -> dict[str, Any]:
@@ -26,7 +26,9 @@ def decode_camera(document: Json, parts: Parts) -> dict[str, Any]:
 
 def decode_depth(document: Json, parts: Parts) -> dict[str, Any]:
     """Return the fields of a depth reading in its message, without its stamps."""
-    return {"depth_m": image_of(document), **_facts(document["wil"], parts)}
+    wil = document["wil"]
+    mount = _camera_pose(wil.get("mount")) or AT_ORIGIN
+    return {"depth_m": image_of(document), "mount": mount, **_facts(wil, parts)}
 
 
 def _facts(wil: Json, parts: Parts) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wil_campaign.worlds.camera import Intrinsics
-from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.frames import AT_ORIGIN, Pose
 
 Source = Literal["real", "twin", "mixed"]
 BgrImage = NDArray[np.uint8]
@@ -79,7 +79,8 @@ class DepthReading:
 
     t_s, arrived_s, seq, intrinsics, camera_pose, rendered: as of a CameraReading.
     depth_m: (height, width) float32, metres along the optical axis; inf where the sensor saw
-    nothing. object_ids: (height, width) uint8, 0 is background; None when unknown.
+    nothing. object_ids: (height, width) uint8, 0 is background; None when unknown. mount: the
+    camera's pose (FRD axes) in the body's FRD frame.
     """
 
     t_s: float
@@ -92,3 +93,4 @@ class DepthReading:
     camera_pose: Pose | None = None
     rendered: bool = True
     sensor: str = ""
+    mount: Pose = AT_ORIGIN

@@ -160,7 +160,8 @@ class RenderedDepth:
             object_ids=picture.object_ids,
             camera_pose=camera_pose,
         )
-        return self._sensor.sample(seen, rng)
+        mount = self._mount.in_body(truth.pose)
+        return replace(self._sensor.sample(seen, rng), mount=mount)
 
 
 class OnDemandSensor:

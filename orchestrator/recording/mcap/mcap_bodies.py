@@ -91,7 +91,8 @@ def digest_of(array: NDArray[Any]) -> int:
 
 def depth_body(reading: DepthReading, parts: list[str]) -> Body:
     """Return a depth image's lossless MCAP message body."""
-    return raw_image(reading.depth_m, _image_facts(reading, parts))
+    facts = {**_image_facts(reading, parts), "mount": plain(reading.mount)}
+    return raw_image(reading.depth_m, facts)
 
 
 def calibration_body(i: Intrinsics) -> Body:

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from wil_campaign.plugins.ros2.messages.reading_messages import optical_frame, word_of
 from wil_campaign.plugins.ros2.messages.ros_frames import (
     attitude_enu,
-    camera_in_body,
     enu,
+    optical_in_body,
     sensor_in_body,
 )
 from wil_campaign.plugins.ros2.messages.ros_messages import (
@@ -50,11 +50,13 @@ class BagFrames:
         mount: of what is no camera. A camera whose mount was not recorded has no frame.
         """
         within = self.within(vehicle)
-        frame = within + word_of(sensor)
-        if frame in self._known:
+        frame, is_camera = within + word_of(sensor), kind in {"camera", "depth"}
+        # Points that were made of a depth camera's images have a frame of their own.
+        known = within + optical_frame(word_of(sensor)) if is_camera else frame
+        if known in self._known:
             return False
-        self._known.add(frame)
-        if kind in {"camera", "depth"}:
+        self._known.add(known)
+        if is_camera:
             camera = self._mounts.get(f"{vehicle}/{sensor}")
             if camera is None or camera.stabilized:
                 return False
@@ -64,7 +66,6 @@ class BagFrames:
         return True
 
     def _camera(self, vehicle: str, sensor: str, mount: CameraMount, pose: Pose) -> Transform:
-        position, turned = camera_in_body(mount, pose)
         within = self.within(vehicle)
         frame = within + optical_frame(word_of(sensor))
-        return Transform(within + BODY_FRAME, frame, position, turned)
+        return Transform(within + BODY_FRAME, frame, *optical_in_body(mount.in_body(pose)))

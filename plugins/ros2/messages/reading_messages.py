@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup, SensorSetup
-from wil_campaign.plugins.ros2.messages.ros_frames import camera_in_body, sensor_in_body
+from wil_campaign.plugins.ros2.messages.ros_frames import optical_in_body, sensor_in_body
 from wil_campaign.plugins.ros2.messages.ros_messages import BODY_FRAME, RosMessages, Transform
 from wil_campaign.vehicles.readings import (
     CameraReading,
@@ -71,19 +71,24 @@ def reading_messages(
 
 def sensor_transforms(sensors: tuple[SensorSetup, ...]) -> tuple[Transform, ...]:
     """Return the frames of sensors in base_link, those of stabilized cameras aside."""
-    return tuple(
-        sensor_transform(sensor, AT_ORIGIN) for sensor in sensors if not is_stabilized(sensor)
-    )
+    fixed = (sensor for sensor in sensors if not is_stabilized(sensor))
+    return tuple(frame for sensor in fixed for frame in sensor_frames(sensor, AT_ORIGIN))
 
 
-def sensor_transform(sensor: SensorSetup, body: Pose) -> Transform:
-    """Return a sensor's frame in base_link. body: the vehicle's pose, which moves a gimbal."""
+def sensor_frames(sensor: SensorSetup, body: Pose) -> Iterator[Transform]:
+    """Yield a sensor's frames in base_link. body: the vehicle's pose, which moves a gimbal.
+
+    A depth camera has two, for the points that a recipe may make of it are forward, left, up.
+    """
     name = word_of(sensor.name)
     if isinstance(sensor, CameraSetup | DepthSetup):
-        position, turned = camera_in_body(sensor.mount, body)
-        return Transform(BODY_FRAME, optical_frame(name), position, turned)
-    position, turned = sensor_in_body(sensor.mount)
-    return Transform(BODY_FRAME, name, position, turned)
+        mount = sensor.mount.in_body(body)
+        yield Transform(BODY_FRAME, optical_frame(name), *optical_in_body(mount))
+        if isinstance(sensor, CameraSetup):
+            return
+    else:
+        mount = sensor.mount
+    yield Transform(BODY_FRAME, name, *sensor_in_body(mount))
 
 
 def is_stabilized(sensor: SensorSetup) -> bool:

@@ -6,7 +6,6 @@ optical frame is right, down, forward.
 
 import math
 
-from wil_campaign.worlds.camera import CameraMount
 from wil_campaign.worlds.frames import (
     Pose,
     Quat,
@@ -79,11 +78,10 @@ def sensor_in_body(mount: Pose) -> tuple[Vec3, Quat]:
     return flu(mount.position_ned_m), _positive(turned)
 
 
-def camera_in_body(mount: CameraMount, body: Pose) -> tuple[Vec3, Quat]:
-    """Return position and attitude of a camera's optical frame in a body's FLU axes."""
-    pose = body.inverse().compose(mount.camera_pose(body)) if mount.stabilized else mount.pose
-    turned = quat_multiply(quat_multiply(_FLU_FRD, pose.q_wxyz), _FRD_OPTICAL)
-    return flu(pose.position_ned_m), _positive(turned)
+def optical_in_body(mount: Pose) -> tuple[Vec3, Quat]:
+    """Return position and attitude, in FLU, of a camera's optical frame; its mount is in FRD."""
+    turned = quat_multiply(quat_multiply(_FLU_FRD, mount.q_wxyz), _FRD_OPTICAL)
+    return flu(mount.position_ned_m), _positive(turned)
 
 
 def _positive(q: Quat) -> Quat:

@@ -144,9 +144,8 @@ def to_points(parameters: ToPointsParameters, context: Context) -> Operator:  # 
         reading, keep = work.reading, kept_elements(work)
         if isinstance(reading, LidarScanReading):
             cloud = _points_of_scan(reading, keep, every)
-            mount = reading.mount
         else:
-            cloud, mount = _points_of_depth(reading, keep, every), Pose((0.0, 0.0, 0.0))
+            cloud = _points_of_depth(reading, keep, every)
         return Masked(
             LidarPointsReading(
                 t_s=reading.t_s,
@@ -155,7 +154,7 @@ def to_points(parameters: ToPointsParameters, context: Context) -> Operator:  # 
                 source=reading.source,
                 points_frd_m=cloud.points,
                 object_ids=cloud.ids,
-                mount=mount,
+                mount=reading.mount,
             )
         )
 

@@ -168,6 +168,17 @@ def test_depth_images_are_in_millimetres_or_metres(
     assert (found.intrinsics, found.rendered, fault_of(found)) == (LENS, False, None)
 
 
+def test_what_is_too_near_to_measure_is_at_the_lens(tmp_path: Path) -> None:
+    """REP 117: -inf is nearer than any distance that is measured, inf further."""
+    given = np.array([[-math.inf, 2.0, math.inf], [math.nan, -1.0, 6.0]], "<f4")
+    fields = depth_image("32FC1", step=12, data=given.tobytes())
+    bag = write_bag(tmp_path / "bag.mcap", [("/it", "sensor_msgs/msg/Image", AT_S, fields)])
+    (found,) = read_depth(bag, mount=NOSE)
+    assert found.depth_m.tolist() == [[0.0, 2.0, math.inf], [math.inf, -1.0, 6.0]]
+    assert fault_of(found) is not None
+    assert found.mount == NOSE
+
+
 def test_a_depth_image_of_ros_1_is_read_without_the_extra(tmp_path: Path) -> None:
     image, path = depth_image(), tmp_path / "bag.mcap"
     body = struct.pack("<IIII6sII", 7, 100, 500_000_000, 6, b"camera", 2, 3)

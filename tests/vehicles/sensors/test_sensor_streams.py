@@ -24,9 +24,10 @@ from wil_campaign.vehicles.sensors.sensor_streams import (
     SensorStream,
 )
 from wil_campaign.vehicles.sensors.timing import Timing
+from wil_campaign.vehicles.sensors.truth import Truth
 from wil_campaign.vehicles.sensors.truth_history import TruthHistory, truth_of
 from wil_campaign.worlds.camera import CameraMount, Intrinsics
-from wil_campaign.worlds.frames import Pose
+from wil_campaign.worlds.frames import Pose, quat_from_euler
 
 CAMERA = Intrinsics.from_fov(32, 24, 1.2)
 
@@ -205,6 +206,17 @@ def test_a_depth_camera_sees_from_where_it_sits() -> None:
     assert reading.arrived_s == pytest.approx(3.05)
     assert reading.camera_pose is not None
     assert reading.camera_pose.position_ned_m[2] == pytest.approx(-1.5)
+    assert reading.mount == Pose.of(0.0, 0.0, 0.5)
+
+
+def test_a_depth_camera_on_a_gimbal_turns_in_a_tilted_body() -> None:
+    body = Pose((1.0, 2.0, -3.0), quat_from_euler(0.2, 0.3, 0.4))
+    mount = CameraMount(Pose.of(0.1, 0.0, 0.0), stabilized=True)
+    reading = rendered_depth(mount).sample(Truth(body), 3.0, np.random.default_rng(0))
+    assert reading.camera_pose is not None
+    seen_from = body.compose(reading.mount)
+    assert seen_from.position_ned_m == pytest.approx(reading.camera_pose.position_ned_m)
+    assert seen_from.q_wxyz == pytest.approx(reading.camera_pose.q_wxyz)
 
 
 def test_an_asked_sensor_answers_at_once_and_counts() -> None:

@@ -60,7 +60,17 @@ SOURCES: tuple[Source, ...] = ("real", "twin", "mixed")
 READINGS: tuple[Reading, ...] = (
     camera(),
     replace(camera(1, "twin"), depth_m=None, object_ids=None, camera_pose=None),
-    DepthReading(0.1, 0.2, 1, "twin", camera().depth_m, INTRINSICS, camera().object_ids, MOUNT),  # type: ignore[arg-type]  # it has depth
+    DepthReading(
+        0.1,
+        0.2,
+        1,
+        "twin",
+        camera().depth_m,  # type: ignore[arg-type]  # it has depth
+        INTRINSICS,
+        camera().object_ids,
+        Pose((9.0, 8.0, -7.0)),
+        mount=MOUNT,
+    ),
     LidarScanReading(
         1 / 3,
         0.5,

@@ -10,11 +10,11 @@ from wil_campaign.plugins.ros2.messages.ros_frames import (
     attitude_enu,
     attitude_ned,
     body_from_ned,
-    camera_in_body,
     enu,
     flu,
     heading_ned,
     ned_from_level_body,
+    optical_in_body,
     sensor_in_body,
 )
 from wil_campaign.worlds.camera import CameraMount
@@ -83,8 +83,7 @@ def test_a_quaternion_of_length_zero_has_no_heading() -> None:
 
 
 def test_the_optical_frame_of_a_camera_that_looks_forward() -> None:
-    mount = CameraMount(Pose((0.1, 0.2, 0.3)))
-    position, turned = camera_in_body(mount, Pose((0.0, 0.0, 0.0)))
+    position, turned = optical_in_body(Pose((0.1, 0.2, 0.3)))
     assert position == pytest.approx((0.1, -0.2, -0.3))
     assert rotate(turned, (0.0, 0.0, 1.0)) == pytest.approx((1.0, 0.0, 0.0))  # it looks forward
     assert rotate(turned, (1.0, 0.0, 0.0)) == pytest.approx((0.0, -1.0, 0.0))  # right
@@ -92,7 +91,7 @@ def test_the_optical_frame_of_a_camera_that_looks_forward() -> None:
 
 def test_a_gimbal_stays_level_in_a_tilted_body() -> None:
     tilted = Pose((0.0, 0.0, 0.0), quat_from_euler(0.2, 0.3, 0.0))
-    _, turned = camera_in_body(CameraMount(stabilized=True), tilted)
+    _, turned = optical_in_body(CameraMount(stabilized=True).in_body(tilted))
     ahead = rotate(attitude_enu(tilted.q_wxyz), rotate(turned, (0.0, 0.0, 1.0)))
     assert ahead == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
 

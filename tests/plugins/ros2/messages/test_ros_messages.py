@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from wil_campaign.campaigns.values.sensor_setups import CameraSetup, OtherSetup
+from wil_campaign.campaigns.values.sensor_setups import CameraSetup, DepthSetup, OtherSetup
 from wil_campaign.plugins.navigation.gps import GpsOptions
 from wil_campaign.plugins.ros2.messages.reading_messages import reading_messages, sensor_transforms
 from wil_campaign.plugins.ros2.messages.ros_messages import (
@@ -209,10 +209,17 @@ def test_frames_of_sensors_have_names_that_topics_can_have() -> None:
     gimbal = CameraSetup(
         name="down", rate_hz=10, intrinsics=LENS, mount=CameraMount(stabilized=True)
     )
+    depth = DepthSetup(name="stereo", rate_hz=10, intrinsics=LENS, mount=CameraMount())
     found = sensor_transforms(
-        (camera, gimbal, OtherSetup(kind="gps", name="gps", options=GpsOptions()))
+        (camera, gimbal, depth, OtherSetup(kind="gps", name="gps", options=GpsOptions()))
     )
-    assert [one.child for one in found] == ["front_left_optical", "gps"]
+    of_points = "stereo"
+    assert [one.child for one in found] == [
+        "front_left_optical",
+        "stereo_optical",
+        of_points,
+        "gps",
+    ]
 
 
 def test_names_and_hashes_are_those_of_ros() -> None:

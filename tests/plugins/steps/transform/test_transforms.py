@@ -259,6 +259,12 @@ def test_scans_and_depth_become_points() -> None:
     assert len(apply("to_points", depth(2.0), every=4).reading.points_frd_m) == 12 * 16
 
 
+@pytest.mark.parametrize("seen", [scan([1.0, 2.0]), depth(2.0)])
+def test_points_are_on_the_body_where_their_sensor_saw_them(seen: Any) -> None:
+    mount = Pose((0.3, 0.0, -0.1), quat_from_euler(0.0, -0.5, 0.0))
+    assert apply("to_points", replace(seen, mount=mount)).reading.mount == mount
+
+
 def test_points_are_made_of_kept_readings_alone() -> None:
     work = Masked(scan([1.0, 2.0, 3.0]), np.array([255, 0, 255], np.uint8))
     assert len(build("to_points")(work, None).reading.points_frd_m) == 2
