@@ -72,12 +72,15 @@ def geodetic_from_ecef(ecef_m: Vec3) -> Geodetic:
 class LocalFrame:
     """The tangent plane at a geodetic origin on WGS-84; axes north, east, down in metres.
 
+    Its altitudes are above one surface, that of the origin's: of a world above mean sea level.
+    undulation_m: of the geoid above the ellipsoid at the origin, as receivers measure above it.
     Raises ValueError when latitude or longitude is out of range or anything is not finite.
     """
 
     latitude_deg: float
     longitude_deg: float
     altitude_m: float
+    undulation_m: float = 0.0
     _origin_ecef_m: Vec3 = field(init=False, repr=False, compare=False)
     _sin_cos: tuple[float, float, float, float] = field(init=False, repr=False, compare=False)
 
@@ -95,7 +98,7 @@ class LocalFrame:
         object.__setattr__(self, "_sin_cos", trig)
 
     def to_ned(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> Vec3:
-        """Return the NED metres of a geodetic place (degrees, metres above the ellipsoid)."""
+        """Return the NED metres of a geodetic place (degrees, metres as of the origin)."""
         sin_lat, cos_lat, sin_lon, cos_lon = self._sin_cos
         x0, y0, z0 = self._origin_ecef_m
         x, y, z = ecef_from_geodetic(latitude_deg, longitude_deg, altitude_m)
@@ -108,7 +111,7 @@ class LocalFrame:
         )
 
     def to_geodetic(self, position_ned_m: Vec3) -> Geodetic:
-        """Return the geodetic place on WGS-84 of a point given in NED metres."""
+        """Return the geodetic place on WGS-84 of a point in NED metres, in the origin's altitudes."""
         sin_lat, cos_lat, sin_lon, cos_lon = self._sin_cos
         x0, y0, z0 = self._origin_ecef_m
         north, east, down = position_ned_m

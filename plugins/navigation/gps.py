@@ -110,7 +110,7 @@ class GpsSensor:
             source=self._source,
             latitude_deg=place.latitude_deg,
             longitude_deg=place.longitude_deg,
-            altitude_m=place.altitude_m,
+            altitude_m=place.altitude_m + self._frame.undulation_m,
             velocity_ned_m_s=(vn + slip * n[3], ve + slip * n[4], vd + slip * n[5]),
             horizontal_accuracy_m=noise.horizontal_sigma_m,
             vertical_accuracy_m=noise.vertical_sigma_m,
@@ -177,7 +177,8 @@ def _decode(document: Json, _: Parts) -> dict[str, Any]:
 
 
 def _rest_fault(reading: GpsReading, pose: Pose, frame: LocalFrame) -> str | None:
-    place = frame.to_ned(reading.latitude_deg, reading.longitude_deg, reading.altitude_m)
+    altitude_m = reading.altitude_m - frame.undulation_m
+    place = frame.to_ned(reading.latitude_deg, reading.longitude_deg, altitude_m)
     north_m, east_m, down_m = subtract(place, pose.position_ned_m)
     apart_m = math.hypot(north_m, east_m)
     limit_m = _ORIGIN_M + _DEVIATIONS * reading.horizontal_accuracy_m
@@ -186,8 +187,8 @@ def _rest_fault(reading: GpsReading, pose: Pose, frame: LocalFrame) -> str | Non
     return (
         f"its fix ({reading.latitude_deg:.6f}, {reading.longitude_deg:.6f}, "
         f"{reading.altitude_m:.0f} m) is {apart_m:.4g} m beside and {abs(down_m):.4g} m above or "
-        "below the vehicle's place in the world: give the world the latitude, longitude and "
-        "altitude of this place, or correct the unit"
+        "below the vehicle's place in the world: give the world's origin the latitude, longitude, "
+        "altitude and undulation_m of this place, or correct the unit"
     )
 
 

@@ -37,7 +37,9 @@ class World:
         if reader.problems:
             raise BadInput(sorted(reader.problems, key=lambda each: (each.line, each.column)))
         origin = model.origin
-        frame = LocalFrame(origin.latitude_deg, origin.longitude_deg, origin.altitude_m)
+        frame = LocalFrame(
+            origin.latitude_deg, origin.longitude_deg, origin.altitude_m, origin.undulation_m
+        )
         return cls(model.description, frame, placed, ground_down_m)
 
     @property

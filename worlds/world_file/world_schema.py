@@ -29,12 +29,14 @@ class OriginModel(FilePart):
     """The world file's `origin` of the local frame on Earth (WGS-84).
 
     latitude_deg, longitude_deg: of the world's origin, the point whose north, east and up are 0.
-    altitude_m: of the world's origin above mean sea level.
+    altitude_m: of the world's origin above mean sea level. undulation_m: of the geoid above the
+    ellipsoid there, which the fixes of `gps` sensors have on top.
     """
 
     latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
     longitude_deg: Annotated[float, Field(ge=-180.0, le=180.0)]
     altitude_m: Annotated[float, Field(ge=-1000.0, le=20_000.0)] = 0.0
+    undulation_m: Annotated[float, Field(ge=-150.0, le=150.0)] = 0.0
 
 
 class PoseModel(FilePart):

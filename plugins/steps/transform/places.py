@@ -27,7 +27,7 @@ class OriginParameters(SidedParameters):
     """The place of the local frame's origin on WGS-84.
 
     latitude_deg, longitude_deg: of the origin, the point whose north, east and up are 0.
-    altitude_m: of the origin above mean sea level.
+    altitude_m: of the origin, above the ellipsoid as the altitudes of fixes.
     """
 
     latitude_deg: Annotated[float, Field(ge=-90, le=90)]

@@ -11,6 +11,7 @@ from tests.vehicles.sensors.sensor_rigs import HOVER, require_repeatable, rng
 from wil_campaign.plugins.navigation.gauss_markov import GaussMarkovWalk
 from wil_campaign.plugins.navigation.gps import GPS_NOISES, GpsNoise, GpsSensor
 from wil_campaign.plugins.navigation.imu import IMU_NOISES, ImuNoise, ImuSensor
+from wil_campaign.vehicles.readings.checks import rest_fault
 from wil_campaign.vehicles.sensors.noise_sets import NoiseSetName
 from wil_campaign.worlds.geodesy import LocalFrame
 
@@ -56,6 +57,14 @@ def test_an_imu_bias_walks() -> None:
     ]
     stationary = noise.gyro_random_walk * math.sqrt(noise.gyro_bias_time_s / 2.0)
     assert np.std(starts) == pytest.approx(stationary, rel=0.1)
+
+
+def test_a_fix_is_above_the_ellipsoid_and_the_worlds_origin_above_sea_level() -> None:
+    above = replace(HOME, undulation_m=47.5)
+    reading = GpsSensor(source="twin", frame=above).sample(HOVER, 4.0, rng())
+    at_sea_level = GpsSensor(source="twin", frame=HOME).sample(HOVER, 4.0, rng())
+    assert reading.altitude_m == pytest.approx(at_sea_level.altitude_m + 47.5)
+    assert rest_fault(reading, pose=HOVER.pose, frame=above) is None
 
 
 def test_a_fix_lies_on_the_globe_and_is_late() -> None:
