@@ -111,7 +111,7 @@ class LocalFrame:
         )
 
     def to_geodetic(self, position_ned_m: Vec3) -> Geodetic:
-        """Return the geodetic place on WGS-84 of a point in NED metres, in the origin's altitudes."""
+        """Return the geodetic place of a point in NED metres; its altitude is as of the origin."""
         sin_lat, cos_lat, sin_lon, cos_lon = self._sin_cos
         x0, y0, z0 = self._origin_ecef_m
         north, east, down = position_ned_m

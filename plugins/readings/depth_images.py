@@ -67,7 +67,10 @@ def ros_depth(message: Any, camera: Intrinsics) -> DepthImage:
     if np.isnan(values).all():
         raise BadMessageError("all of its distances are NaN")
     # REP 117: -inf is nearer than what is measured.
-    return np.nan_to_num(values, nan=np.inf, posinf=np.inf, neginf=0.0).astype(np.float32)
+    depth_m: DepthImage = np.nan_to_num(
+        values.astype(np.float32), nan=np.inf, neginf=0.0, posinf=np.inf
+    )
+    return depth_m
 
 
 def ros1_image(data: bytes) -> Any:
