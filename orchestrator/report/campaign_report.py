@@ -16,7 +16,7 @@ from wil_campaign.foundation.processes.linux import usable_cores
 from wil_campaign.hooks import ReportSection, RunSection, Section
 from wil_campaign.installed_plugins import added, load, needed_by
 from wil_campaign.orchestrator.campaign.workers.run_server import (
-    end_by_signals,
+    end_with_program,
     running_context,
 )
 from wil_campaign.orchestrator.reading.model import CampaignDocuments, RunEntry
@@ -135,7 +135,7 @@ def _pages_and_sections(
         # Workers fail if the main module cannot be imported again, or for lack of memory.
         with (
             suppress(BrokenProcessPool),
-            ProcessPoolExecutor(workers, mp_context=context, initializer=end_by_signals) as pool,
+            ProcessPoolExecutor(workers, mp_context=context, initializer=end_with_program) as pool,
         ):
             sections = [
                 pool.submit(_section, report_section, folder, documents)

@@ -14,7 +14,7 @@ import stat
 import tempfile
 import threading
 from collections.abc import Iterator
-from multiprocessing import forkserver, util
+from multiprocessing import connection, forkserver, util
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 from typing import Any
@@ -68,10 +68,20 @@ def running_context() -> ForkServerContext | None:
     return run_context()
 
 
-def end_by_signals() -> None:
-    """Have signals end this process, which was forked from the run server: that ignores them."""
+def end_with_program() -> None:
+    """Have signals, and the end of the program that it works for, end this process of a pool.
+
+    It was forked from the run server, which ignores signals, and waits for work that the program
+    no longer gives once it is killed.
+    """
     for number in IGNORED_SIGNALS:
         signal.signal(number, signal.SIG_DFL)
+    program = mp.parent_process()
+    if program is not None:
+        ended = program.sentinel
+        threading.Thread(
+            target=lambda: connection.wait([ended]) and os._exit(1), daemon=True
+        ).start()
 
 
 def _forget_lost_server() -> None:

@@ -6,6 +6,8 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 from tests.wil_campaign.test_installed_plugins import put_distribution
 
 _PROGRAM = """
@@ -19,19 +21,33 @@ _RUN = """
 import os, signal
 from concurrent.futures import ProcessPoolExecutor
 from wil_campaign.orchestrator.campaign.workers.run_server import (
-    end_by_signals, run_context, run_environment, running_context, start_run_server
+    end_with_program, run_context, run_environment, running_context, start_run_server
 )
 if __name__ == "__main__":
     assert running_context() is None
     start_run_server()
     context = running_context()
     for number in (signal.SIGTERM, signal.SIGHUP):
-        with ProcessPoolExecutor(1, mp_context=context, initializer=end_by_signals) as pool:
+        with ProcessPoolExecutor(1, mp_context=context, initializer=end_with_program) as pool:
             print(type(pool.submit(signal.raise_signal, number).exception()).__name__)
     print(run_environment() == dict(os.environ), "PYTHONSAFEPATH" in os.environ, flush=True)
     run = run_context().Process(target=os.mkdir, args=("flown",))
     run.start()
     run.join()
+"""
+_POOL = """
+import multiprocessing, os, sys, time
+from concurrent.futures import ProcessPoolExecutor
+from wil_campaign.orchestrator.campaign.workers.run_server import (
+    end_with_program, running_context, start_run_server
+)
+if __name__ == "__main__":
+    if sys.argv[1] == "beside the run server":
+        start_run_server()
+    context = running_context() or multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(1, mp_context=context, initializer=end_with_program)
+    print(pool.submit(os.getpid).result(), flush=True)
+    time.sleep(600)
 """
 _LOST = """
 import os, shutil
@@ -96,6 +112,27 @@ def test_a_program_that_is_killed_leaves_no_socket_of_its_run_server(
     while any(runtime.glob("pymp-*")) and time.monotonic() < end_s:
         time.sleep(0.05)
     assert [*runtime.iterdir(), *Path(environment["TMPDIR"]).iterdir()] == []
+
+
+@pytest.mark.parametrize("where", ["beside the run server", "alone"])
+def test_a_program_that_is_killed_leaves_no_worker_of_its_report(
+    tmp_path: Path, where: str
+) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(_POOL)
+    with subprocess.Popen(  # noqa: S603 - our own program
+        [sys.executable, program, where],
+        env={**os.environ, "PYTHONPATH": str(_ROOT)},
+        stdout=subprocess.PIPE,
+    ) as ended:
+        assert ended.stdout is not None
+        worker = Path("/proc", ended.stdout.readline().decode().strip())
+        assert worker.is_dir()
+        ended.kill()
+    end_s = time.monotonic() + _WITHIN_S
+    while worker.is_dir() and time.monotonic() < end_s:
+        time.sleep(0.05)
+    assert not worker.is_dir()
 
 
 def test_runs_are_flown_after_the_folder_of_the_run_servers_socket_has_gone(
