@@ -195,17 +195,18 @@ def _benches(check: _Check) -> None:
 def _unfit(check: _Check) -> None:
     """Have the second host be a node that cannot fly the same."""
     other = check.folder / "other"
-    shutil.copytree(ROOT, other / "code", ignore=shutil.ignore_patterns(".git", "docs", "tests"))
+    without = shutil.ignore_patterns(".git", ".venv", "docs", "tests")
+    shutil.copytree(ROOT, other / "code", symlinks=True, ignore=without)
     with (other / "code/worlds/__init__.py").open("a") as stream:
         stream.write("# another version\n")
-    for name, text in (("fsspec", FLEE), ("orchestrator", FLEE)):
+    for name, text in (("fsspec", FLEE), ("wil_campaign", FLEE)):
         (other / f"no-{name}" / name).mkdir(parents=True)
         (other / f"no-{name}" / name / "__init__.py").write_text(text)
     with check.second_node(PYTHONPATH=str(other / "code")):
         check.refused("a node with another code", "install the same wheel", "--store", STORE)
     with check.second_node(PYTHONPATH=f"{other}/no-fsspec:{ROOT}"):
         check.refused("a node without fsspec", "[cluster,storage]", "--store", STORE)
-    with check.second_node(PYTHONPATH=f"{other}/no-orchestrator:{ROOT}"):
+    with check.second_node(PYTHONPATH=f"{other}/no-wil_campaign:{ROOT}"):
         check.refused("a node without wil-campaign", "install the same wheel", "--store", STORE)
 
 

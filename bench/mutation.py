@@ -31,6 +31,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 COPIED = (
+    "bench",
     "campaigns",
     "orchestrator",
     "plugins",
@@ -38,6 +39,7 @@ COPIED = (
     "safety",
     "tests",
     "vehicles",
+    "wil_campaign",
     "worlds",
     "docs",
 )
@@ -226,8 +228,9 @@ class Tree:
         self._folder = folder
         self._timeout_s = timeout_s
         ignored = shutil.ignore_patterns("__pycache__", ".mypy_cache")
+        # The package leads to its folders by links: a copy of each would hide the mutant.
         for name in COPIED:
-            shutil.copytree(ROOT / name, folder / name, ignore=ignored)
+            shutil.copytree(ROOT / name, folder / name, symlinks=True, ignore=ignored)
         for name in SINGLE:
             shutil.copy(ROOT / name, folder / name)
 
